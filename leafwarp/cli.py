@@ -1,0 +1,147 @@
+"""The command line. stdout carries the result path or JSON alone; everything else goes to stderr."""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from leafwarp.errors import InputError, LeafwarpError
+
+
+def _frame_range(text: str) -> tuple[int, int]:
+    first, separator, last = text.partition(":")
+    try:
+        bounds = (int(first), int(last)) if separator else (1, int(first))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"'{text}' is not accepted; accepted: FIRST:LAST such as 1:240") from None
+    if not 1 <= bounds[0] <= bounds[1]:
+        raise argparse.ArgumentTypeError(f"'{text}' is not accepted; accepted: 1 <= FIRST <= LAST")
+    return bounds
+
+
+def _scene_arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("scene", type=Path, help="scene file (TOML)")
+    parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the scene")
+    parser.add_argument("--device", default="cpu", help="Warp device: cpu (default), cuda:0, ...")
+    parser.add_argument("-q", "--quiet", action="store_true", help="no progress")
+    parser.add_argument("-v", "--verbose", action="store_true", help="also print a summary of the run on stderr")
+
+
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of every verb."""
+    parser = argparse.ArgumentParser(
+        prog="python -m leafwarp", description="A photo of a leaf becomes an animated USD of the leaf drying."
+    )
+    verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
+
+    run = verbs.add_parser("run", help="simulate a scene and write its USD")
+    _scene_arguments(run)
+    run.add_argument("-o", "--output", type=Path, default=Path("output"), help="folder, or a .usd/.usda/.usdc file")
+    run.add_argument("-f", "--frames", type=_frame_range, metavar="FIRST:LAST", help="frames to write (default: all)")
+    run.add_argument("--overwrite", action="store_true", help="replace results that are there already")
+    run.add_argument("--json", action="store_true", help="print the report instead of the result's path")
+    run.set_defaults(action=_run)
+
+    plan = verbs.add_parser("plan", help="what a scene needs: stages, arrays, launches, and what is left out")
+    _scene_arguments(plan)
+    plan.add_argument("--json", action="store_true", help="print JSON")
+    plan.set_defaults(action=_plan)
+
+    tradeoff = verbs.add_parser("tradeoff", help="measure speed against accuracy on a scene")
+    _scene_arguments(tradeoff)
+    tradeoff.add_argument("-o", "--output", type=Path, required=True, help="folder of the table and the plot")
+    tradeoff.add_argument("--overwrite", action="store_true", help="replace results that are there already")
+    tradeoff.add_argument("--json", action="store_true", help="print the table as JSON instead of its path")
+    tradeoff.set_defaults(action=_tradeoff)
+
+    new = verbs.add_parser("new", help="write a commented scene for a photo")
+    new.add_argument("photo", type=Path, help="photo of a leaf")
+    new.add_argument("-o", "--output", type=Path, help="scene file to write (default: the photo's name with .toml, here)")
+    new.add_argument("--length", default="10 cm", help="petiole base to farthest point, such as '8 cm' (default: 10 cm)")
+    new.add_argument("--overwrite", action="store_true", help="replace a scene that is there already")
+    new.set_defaults(action=_new)
+
+    schema = verbs.add_parser("schema", help="print the JSON Schema of a scene, for editors")
+    schema.set_defaults(action=_schema)
+    return parser
+
+
+def _run(arguments: argparse.Namespace) -> None:
+    from leafwarp.run import output_paths, run_scene
+    from leafwarp.scene import load_scene
+
+    scene = load_scene(arguments.scene, arguments.set)
+    first, last = arguments.frames or (1, scene.time.frames)
+    if last > scene.time.frames:
+        raise InputError(f"--frames {first}:{last}: the scene has {scene.time.frames} frames (time.frames)")
+    paths = output_paths(scene, arguments.output)
+    report = run_scene(
+        scene,
+        paths,
+        device=arguments.device,
+        frames=range(first, last + 1),
+        overwrite=arguments.overwrite,
+        progress_level=-1 if arguments.quiet else 0,
+    )
+    if arguments.verbose:
+        split = ", ".join(f"{name} {ms:.1f}" for name, ms in report["milliseconds_per_frame"].items())
+        print(f"{report['seconds']['total']:.1f} s in all; milliseconds a frame: {split}", file=sys.stderr)
+    print(json.dumps(report) if arguments.json else paths.usd)
+
+
+def _plan(arguments: argparse.Namespace) -> None:
+    from leafwarp.plan_report import plan_report, print_plan
+    from leafwarp.scene import load_scene
+
+    report = plan_report(load_scene(arguments.scene, arguments.set), arguments.device)
+    if arguments.json:
+        print(json.dumps(report))
+    else:
+        print_plan(report)
+
+
+def _tradeoff(arguments: argparse.Namespace) -> None:
+    from leafwarp.scene import load_scene
+    from leafwarp.study.tradeoff import run_tradeoff
+
+    table = run_tradeoff(
+        load_scene(arguments.scene, arguments.set),
+        arguments.output,
+        device=arguments.device,
+        overwrite=arguments.overwrite,
+        quiet=arguments.quiet,
+    )
+    print(json.dumps(table) if arguments.json else arguments.output / "tradeoff.csv")
+
+
+def _new(arguments: argparse.Namespace) -> None:
+    from leafwarp.template import write_new_scene
+
+    output = arguments.output or Path(arguments.photo.with_suffix(".toml").name)
+    print(write_new_scene(arguments.photo, output, arguments.length, arguments.overwrite))
+
+
+def _schema(arguments: argparse.Namespace) -> None:
+    from leafwarp.scene import Scene
+
+    print(json.dumps(Scene.model_json_schema(), indent=1))
+
+
+def main(arguments: Sequence[str] | None = None) -> int:
+    """Run one verb and return the exit code: 0 done, 1 failed, 2 bad input, 130 or 143 stopped by a signal."""
+    try:
+        parsed = make_parser().parse_args(arguments)
+    except SystemExit as leaving:  # argparse has printed help or a one-line error.
+        return int(leaving.code or 0)
+    try:
+        parsed.action(parsed)
+    except LeafwarpError as error:
+        print(f"leafwarp: {error}", file=sys.stderr)
+        return error.exit_code
+    except KeyboardInterrupt:
+        print("leafwarp: stopped", file=sys.stderr)
+        return 130
+    return 0

@@ -1,0 +1,1 @@
+"""Leaf photo to mesh, texture and maps."""

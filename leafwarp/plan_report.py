@@ -1,0 +1,71 @@
+"""What a scene needs, as plain data and as text (``python -m leafwarp plan``)."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from leafwarp.run import check_device, prepare_scene_leaf
+from leafwarp.scene import Scene
+
+
+def plan_report(scene: Scene, device: str) -> dict[str, Any]:
+    """The plan of a scene on its leaf, with the substeps that its first frame takes.
+
+    Raises:
+        InputError: Bad photo or device.
+    """
+    leaf = prepare_scene_leaf(scene, None)
+    device = check_device(device)
+
+    from leafwarp.sim.simulation import Simulation
+
+    simulation = Simulation(scene, leaf, device)
+    substeps = simulation.motion.substeps(1.0 / scene.time.fps)
+    intervals = max(scene.time.frames - 1, 1)
+    fluid_steps = simulation.fluid.step_count if simulation.fluid is not None else 0
+    runs = {"start": 0.0, "fluid step": fluid_steps / intervals, "frame": 1.0, "substep": float(substeps), "output": 1.0}
+    plan, mesh = simulation.plan, leaf.mesh
+    return {
+        "scene": scene.name,
+        "device": device,
+        "precision": scene.solver.precision,
+        "mesh": {
+            "vertices": mesh.vertex_count,
+            "triangles": mesh.triangle_count,
+            "edge_springs": mesh.edge_count,
+            "angular_springs": mesh.hinge_count if scene.has_angular_springs else 0,
+        },
+        "map": list(scene.maps.shape) if scene.map_names else None,
+        "fluid_steps": fluid_steps,
+        "substeps_per_frame": substeps,
+        "bytes": plan.byte_count,
+        "stages": plan.describe(runs),
+        "left_out": [{"name": name, "reason": reason} for name, reason in plan.left_out.items()],
+    }
+
+
+def print_plan(report: dict[str, Any]) -> None:
+    """Print a plan for people."""
+    mesh = report["mesh"]
+    print(
+        f"{report['scene']}: {mesh['vertices']} vertices, {mesh['triangles']} triangles, "
+        f"{mesh['edge_springs']} edge springs, {mesh['angular_springs']} angular springs"
+    )
+    cells = f"map of {report['map'][0]} x {report['map'][1]} cells, " if report["map"] else "no maps, "
+    print(
+        f"{cells}{report['fluid_steps']} fluid steps, {report['substeps_per_frame']} motion substeps in the first frame, "
+        f"{report['precision']} on {report['device']}, {report['bytes'] / 1e6:.2f} MB of arrays"
+    )
+    print(f"\n{'stage':<18} {'runs once a':<11} {'launches/frame':>14} {'kB':>8}  what it does")
+    for stage in report["stages"]:
+        print(
+            f"{stage['name']:<18} {stage['rate']:<11} {stage['launches_per_frame']:>14.1f} "
+            f"{stage['bytes'] / 1e3:>8.1f}  {stage['purpose']}"
+        )
+        for label in ("reads", "writes", "kernels"):
+            if stage[label]:
+                names = (name.removeprefix("leafwarp_kernels.") for name in stage[label])
+                print(f"{'':<18} {label}: {', '.join(names)}")
+    print("\nleft out")
+    for entry in report["left_out"]:
+        print(f"{entry['name']:<18} {entry['reason']}")

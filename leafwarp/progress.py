@@ -1,0 +1,46 @@
+"""Progress on stderr: a bar on a terminal, else one flushed line a frame."""
+
+from __future__ import annotations
+
+import sys
+import time
+from typing import TextIO
+
+
+class Progress:
+    """Counts frames.
+
+    Args:
+        total: Number of frames.
+        level: -1 for silence, 0 or more for progress.
+        stream: Where to write.
+    """
+
+    def __init__(self, total: int, level: int = 0, stream: TextIO | None = None):
+        self._total = total
+        self._stream = stream or sys.stderr
+        self._begin = time.perf_counter()
+        self._done = 0
+        self._quiet = level < 0
+        self._bar = None
+        if not self._quiet and self._stream.isatty():
+            from tqdm import tqdm
+
+            self._bar = tqdm(total=total, unit="frame", file=self._stream)
+
+    def step(self, frame: int, seconds: float) -> None:
+        """Say that a frame is done, and how long it took [s]."""
+        self._done += 1
+        if self._quiet:
+            return
+        if self._bar is not None:
+            self._bar.update()
+            return
+        left = (self._total - self._done) * (time.perf_counter() - self._begin) / self._done
+        share = 100 * self._done // self._total
+        print(f"frame {frame}/{self._total} {share}% {seconds:.2f} s eta {left:.0f} s", file=self._stream, flush=True)
+
+    def close(self) -> None:
+        """End the bar."""
+        if self._bar is not None:
+            self._bar.close()

@@ -1,0 +1,52 @@
+"""Quantities with units in a scene: a plain number is SI, a string carries its unit ("48 h", "12 cm")."""
+
+from __future__ import annotations
+
+import re
+from typing import Annotated, Any
+
+from pydantic import BeforeValidator, WithJsonSchema
+
+# Factor to SI of every accepted unit, by dimension; the first of each is the SI unit.
+UNITS: dict[str, dict[str, float]] = {
+    "time": {"s": 1.0, "min": 60.0, "h": 3600.0, "d": 86400.0},
+    "length": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6},
+    "rate": {"1/s": 1.0, "1/min": 1.0 / 60.0, "1/h": 1.0 / 3600.0, "1/d": 1.0 / 86400.0},
+    "diffusivity": {"m2/s": 1.0, "cm2/s": 1e-4, "mm2/s": 1e-6},
+    "membrane stiffness": {"N/m": 1.0},
+    "bending stiffness": {"N m": 1.0, "N mm": 1e-3, "uN m": 1e-6},
+    "mass per area": {"kg/m2": 1.0, "g/m2": 1e-3},
+}
+
+_NUMBER_AND_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*")
+
+
+def parse_quantity(value: Any, dimension: str) -> Any:
+    """Convert a number or a string with a unit to a number in SI.
+
+    Args:
+        value: What the scene says. Anything but a string is returned as it is, for the validator to judge.
+        dimension: A key of :data:`UNITS`.
+
+    Raises:
+        ValueError: The string is no number followed by an accepted unit.
+    """
+    if isinstance(value, bool):
+        raise ValueError(f"a {dimension} is a number or a string with a unit")
+    if not isinstance(value, str):
+        return value
+    units = UNITS[dimension]
+    match = _NUMBER_AND_UNIT.fullmatch(value)
+    if match is None or (match[2] is not None and match[2] not in units):
+        raise ValueError(f"accepted: a number [{next(iter(units))}], or a number and one of {', '.join(units)}")
+    return float(match[1]) * units[match[2] or next(iter(units))]
+
+
+def quantity(dimension: str) -> Any:
+    """The annotated type of a scene key that holds a quantity of this dimension, in SI after validation."""
+    units = UNITS[dimension]
+    schema = {
+        "anyOf": [{"type": "number"}, {"type": "string"}],
+        "description": f"number [{next(iter(units))}] or a string with one of: {', '.join(units)}",
+    }
+    return Annotated[float, BeforeValidator(lambda value: parse_quantity(value, dimension)), WithJsonSchema(schema)]

@@ -1,0 +1,466 @@
+"""The scene: what a user may ask for, validated, in SI units, immutable.
+
+Every table of the TOML file is one model below. A table that is left out is a thing that is not modelled: no kernel
+is compiled, no array allocated and nothing launched for it (see :mod:`leafwarp.sim.plan`).
+"""
+
+from __future__ import annotations
+
+import difflib
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict, ValidationError, model_validator
+
+from leafwarp.errors import InputError
+from leafwarp.quantity import quantity
+
+Time = quantity("time")
+Length = quantity("length")
+Rate = quantity("rate")
+Diffusivity = quantity("diffusivity")
+Integer = Annotated[int, Strict()]
+Switch = Annotated[bool, Strict()]
+Share = Annotated[float, Field(ge=0.0, le=1.0)]
+Vector = tuple[float, float, float]
+
+
+def _sorted_curve(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+    points = tuple(sorted(points))
+    contents = [y for y, _ in points]
+    if contents[0] < 0.0 or contents[-1] > 1.0:
+        raise ValueError("the first number of each pair is a relative water content in [0, 1]")
+    if len(set(contents)) < len(contents):
+        raise ValueError("two points have the same water content")
+    return points
+
+
+# Piecewise linear in the relative water content y, constant beyond its ends.
+Curve = Annotated[
+    tuple[tuple[float, float], ...], Field(min_length=1, max_length=64), AfterValidator(_sorted_curve)
+]
+
+
+def _within(low: float, high: float, what: str) -> AfterValidator:
+    def check(curve: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+        for _, value in curve:
+            if not low <= value <= high:
+                raise ValueError(f"{what} {value:g} is not in [{low:g}, {high:g}]")
+        return curve
+
+    return AfterValidator(check)
+
+
+class _Table(BaseModel):
+    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+
+
+class LeafTable(_Table):
+    """The photo and its scale."""
+
+    image: Path = Field(description="Photo of the leaf (PNG, JPEG, TIFF, WebP), relative to the scene file.")
+    mask: Path | None = Field(None, description="Image that is bright on the leaf; replaces the segmentation.")
+    base: tuple[float, float] | None = Field(
+        None, description="Petiole base [pixel of the photo, x right, y down]; replaces the detection."
+    )
+    length: Annotated[Length, Field(gt=0.0)] | None = Field(
+        None, description="Distance from the petiole base to the farthest point of the leaf [m]."
+    )
+    pixels_per_metre: float | None = Field(None, gt=0.0, description="Scale of the photo [pixel/m]; instead of length.")
+    camber: float = Field(
+        0.01,
+        ge=0.0,
+        le=0.5,
+        description="Height of a smooth imperfection of the flat leaf, as a share of its length; it decides which way "
+        "the leaf buckles.",
+    )
+    seed: Integer = Field(0, ge=0, lt=2**31, description="Seed of the camber.")
+
+    @model_validator(mode="after")
+    def _one_scale(self) -> LeafTable:
+        if (self.length is None) == (self.pixels_per_metre is None):
+            raise ValueError("give either 'length' or 'pixels_per_metre'")
+        return self
+
+
+class MeshTable(_Table):
+    """The triangle mesh."""
+
+    vertices: Integer = Field(1707, ge=16, le=200_000, description="Number of vertices aimed at.")
+
+
+class MapsTable(_Table):
+    """The maps that the fluid lives on. Each is "auto" or an image that covers the same picture as the photo."""
+
+    size: tuple[Integer, Integer] | Integer = Field(
+        256, description="Cells of the map: one number for a square one, or [width, height]."
+    )
+    venation: Literal["auto"] | Path = Field("auto", description="Flow capacity, 0 (lamina) to 1 (midrib).")
+    stomata: Literal["auto"] | Path = Field("auto", description="Density of stomata, 0 to 1.")
+    water: Literal["auto"] | Share | Path = Field(
+        "auto", description="Relative water content at the start: an image, a number, or auto (saturated)."
+    )
+    source: Literal["auto"] | Path = Field("auto", description="Where water enters; auto is the petiole base.")
+
+    @model_validator(mode="after")
+    def _size_range(self) -> MapsTable:
+        for cells in self.shape:
+            if not 1 <= cells <= 8192:
+                raise ValueError(f"size {cells} is not in [1, 8192] cells")
+        return self
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Cells (width, height)."""
+        return (self.size, self.size) if isinstance(self.size, int) else self.size
+
+
+class TimeTable(_Table):
+    """Two clocks: plant time, which the water sees, and playback time, which gravity and inertia see."""
+
+    duration: Annotated[Time, Field(gt=0.0)] = Field(description="Plant time from the first frame to the last [s].")
+    frames: Integer = Field(240, ge=1, le=1_000_000, description="Number of frames.")
+    fps: float = Field(24.0, gt=0.0, le=1000.0, description="Frames a second of playback.")
+
+
+class FluidTable(_Table):
+    """Water that flows (paper, Sec. III-A)."""
+
+    step: Annotated[Time, Field(gt=0.0)] = Field(60.0, description="Fluid step in plant time [s]; chosen for accuracy.")
+    scheme: Literal["split", "unsplit"] = Field(
+        "split",
+        description="split: rows, then columns, line by line (the paper). unsplit: both at once by conjugate "
+        "gradients, without the splitting error.",
+    )
+    lamina_diffusivity: Annotated[Diffusivity, Field(ge=0.0)] = Field(
+        1e-9, description="Diffusivity of water between the veins [m^2/s] (artistic)."
+    )
+    vein_diffusivity: Annotated[Diffusivity, Field(ge=0.0)] = Field(
+        1e-7, description="Diffusivity of water along a vein of capacity 1 [m^2/s] (artistic)."
+    )
+    tolerance: float = Field(
+        1e-5, gt=0.0, lt=1.0, description="Relative residual at which the unsplit scheme stops (float64: its square)."
+    )
+
+
+class WaterTable(_Table):
+    """Water that is prescribed: the same everywhere, a function of plant time. Excludes [fluid]."""
+
+    curve: Annotated[tuple[tuple[Time, Share], ...], Field(min_length=1, max_length=64)] = Field(
+        description="Points [plant time, relative water content], linear in between."
+    )
+
+    @model_validator(mode="after")
+    def _rising_times(self) -> WaterTable:
+        times = [t for t, _ in self.curve]
+        if any(b <= a for a, b in zip(times, times[1:])):
+            raise ValueError("the times of 'curve' must rise")
+        return self
+
+
+class TranspirationTable(_Table):
+    """Water lost through the leaf's surface."""
+
+    rate: Annotated[Rate, Field(ge=0.0)] = Field(
+        description="Share of the saturated leaf's water lost a second, averaged over the leaf [1/s]."
+    )
+    cuticle_rate: Annotated[Rate, Field(ge=0.0)] = Field(
+        0.0, description="The part of it that leaves everywhere alike, stomata or not [1/s]."
+    )
+
+    @model_validator(mode="after")
+    def _cuticle_is_a_part(self) -> TranspirationTable:
+        if self.cuticle_rate > self.rate:
+            raise ValueError(f"cuticle_rate {self.cuticle_rate:g} is more than rate {self.rate:g}, of which it is a part")
+        return self
+
+
+class SourceTable(_Table):
+    """Water that enters through the petiole."""
+
+    conductance: Annotated[Rate, Field(ge=0.0)] = Field(
+        description="Share of the saturated leaf's water that enters a second for a difference of 1 [1/s]."
+    )
+    supply: Share = Field(1.0, description="Relative water content of the supply.")
+    cut_at: Annotated[Time, Field(ge=0.0)] | None = Field(
+        None, description="Plant time at which the leaf is severed and the source ends [s]."
+    )
+
+
+class ShrinkTable(_Table):
+    """Rest lengths that follow the water."""
+
+    curve: Annotated[Curve, _within(-0.5, 0.95, "a shrink of")] = Field(
+        description="Points [relative water content, share of the length lost]."
+    )
+    vein_resistance: Share = Field(0.0, description="Share of the shrinking that a vein of capacity 1 resists.")
+
+
+class CurlTable(_Table):
+    """Rest angles that follow the water: one side of the leaf shrinks more than the other."""
+
+    mismatch: Annotated[Curve, _within(-1.0, 1.0, "a mismatch of")] = Field(
+        description="Points [relative water content, strain between the two sides]; positive bends toward the "
+        "photographed side."
+    )
+    thickness: Annotated[Length, Field(gt=0.0)] = Field(2.5e-4, description="Thickness of the lamina [m].")
+    vein_resistance: Share = Field(0.0, description="Share of the curling that a vein of capacity 1 resists.")
+
+
+class StructureTable(_Table):
+    """The mass-spring mesh (paper, Sec. III-B)."""
+
+    membrane_stiffness: Annotated[quantity("membrane stiffness"), Field(ge=0.0)] = Field(
+        description="Young's modulus times thickness [N/m]. Explicit motion wants a soft membrane: 2 to 20."
+    )
+    bending_stiffness: Annotated[quantity("bending stiffness"), Field(ge=0.0)] | None = Field(
+        None, description="Bending stiffness of the lamina [N m]; left out: no angular springs."
+    )
+    bending: Literal["gradient", "paper"] = Field(
+        "gradient",
+        description="Force of the angular springs: the gradient of their energy, which conserves momentum, or the "
+        "paper's push on two vertices, which does not.",
+    )
+    vein_stiffness: float = Field(1.0, ge=0.0, le=1e6, description="Stiffness of a vein of capacity 1 over the lamina's.")
+    stiffness: Annotated[Curve, _within(0.0, 1e6, "a stiffness factor of")] = Field(
+        ((0.0, 1.0),), description="Points [relative water content, factor on every stiffness]."
+    )
+    dry_mass: Annotated[quantity("mass per area"), Field(gt=0.0)] = Field(
+        0.05, description="Mass of the dry leaf [kg/m^2]."
+    )
+    water_mass: Annotated[quantity("mass per area"), Field(ge=0.0)] = Field(
+        0.25, description="Mass of the water of the saturated leaf [kg/m^2]."
+    )
+    damping: float = Field(
+        0.05, ge=0.0, le=1.0, description="Damping ratio of the mesh's fastest oscillation, along springs and hinges."
+    )
+
+
+class MotionTable(_Table):
+    """What moves the leaf, and where it is held."""
+
+    gravity: Vector | None = Field(None, description="Acceleration of gravity [m/s^2], z up; left out: none.")
+    drag: float = Field(2.0, ge=0.0, le=1e6, description="Rate at which still air takes up the leaf's speed [1/s].")
+    wind: Vector | None = Field(None, description="Speed of the air [m/s], which drags the leaf along; left out: still air.")
+    pin_radius: Annotated[Length, Field(ge=0.0)] | None = Field(
+        None, description="Vertices this near the petiole base are held [m]; left out: 3 % of the leaf's length."
+    )
+    clamp: Switch = Field(False, description="Also hold the first row of triangles past the pins (the direction, too).")
+    settle: Switch = Field(False, description="Let the leaf come to rest under gravity before the first frame.")
+
+
+class SolverTable(_Table):
+    """How the scene is computed."""
+
+    precision: Literal["float32", "float64"] = Field("float32", description="Numbers of the fluid and the structure.")
+    maximum_substeps: Integer = Field(
+        8192, ge=1, le=2**20, description="Motion substeps a frame beyond which a scene is refused."
+    )
+
+
+class OutputTable(_Table):
+    """What is written beside the animated points and the water."""
+
+    contact_sheet: Switch = Field(False, description="A picture of eight moments, water above and leaf below.")
+    display_color: Switch = Field(False, description="Vertex colours: a plain ramp of water from brown to green.")
+    up_axis: Literal["Y", "Z"] = Field("Z", description="Up axis of the USD.")
+
+
+class Scene(_Table):
+    """A whole scene. Lengths in metres, times in seconds, after validation."""
+
+    name: str = Field("leaf", pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the outputs; default: the file's name.")
+    leaf: LeafTable
+    mesh: MeshTable = MeshTable()
+    maps: MapsTable = MapsTable()
+    time: TimeTable
+    fluid: FluidTable | None = None
+    water: WaterTable | None = None
+    transpiration: TranspirationTable | None = None
+    source: SourceTable | None = None
+    shrink: ShrinkTable | None = None
+    curl: CurlTable | None = None
+    structure: StructureTable
+    motion: MotionTable = MotionTable()
+    solver: SolverTable = SolverTable()
+    output: OutputTable = OutputTable()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Scene:
+        if (self.fluid is None) == (self.water is None):
+            raise ValueError("give either [fluid] (water that flows) or [water] (water that is prescribed)")
+        if self.fluid is None:
+            for table in ("transpiration", "source"):
+                if getattr(self, table) is not None:
+                    raise ValueError(f"[{table}] needs [fluid]: with [water] the water is prescribed")
+        if self.curl is not None and self.structure.bending_stiffness is None:
+            raise ValueError("[curl] needs structure.bending_stiffness: without angular springs nothing can curl")
+        if self.motion.settle and self.motion.gravity is None:
+            raise ValueError("motion.settle needs motion.gravity: without gravity the leaf is at rest already")
+        return self
+
+    @property
+    def flow_has_veins(self) -> bool:
+        """Whether water flows along veins faster or slower than between them."""
+        return self.fluid is not None and self.fluid.vein_diffusivity != self.fluid.lamina_diffusivity
+
+    @property
+    def structure_has_veins(self) -> bool:
+        """Whether veins shrink, curl or resist otherwise than the lamina."""
+        return (
+            self.structure.vein_stiffness != 1.0
+            or (self.shrink is not None and self.shrink.vein_resistance > 0.0)
+            or (self.curl is not None and self.curl.vein_resistance > 0.0)
+        )
+
+    @property
+    def stiffness_varies(self) -> bool:
+        """Whether the springs' stiffness depends on the water."""
+        return len({factor for _, factor in self.structure.stiffness}) > 1
+
+    @property
+    def has_angular_springs(self) -> bool:
+        """Whether the scene asks for resistance to bending."""
+        return self.structure.bending_stiffness is not None
+
+    @property
+    def map_names(self) -> tuple[str, ...]:
+        """The maps that the scene requires; empty if nothing varies over the leaf."""
+        stomata = self.transpiration is not None and self.transpiration.rate > self.transpiration.cuticle_rate
+        wanted = {
+            "venation": self.flow_has_veins or self.structure_has_veins,
+            "stomata": stomata,
+            "water": self.fluid is not None,
+            "source": self.source is not None,
+        }
+        return tuple(name for name, is_wanted in wanted.items() if is_wanted)
+
+    def with_changes(self, changes: Mapping[str, Any]) -> Scene:
+        """A copy with other values, keys dotted: ``scene.with_changes({"maps.size": 128, "fluid.step": 30.0})``."""
+        data = self.model_dump(exclude_unset=True)
+        for key, value in changes.items():
+            _put(data, key, value)
+        return Scene.model_validate(data)
+
+
+def _put(data: dict[str, Any], key: str, value: Any) -> None:
+    *tables, last = key.split(".")
+    for name in tables:
+        data = data.setdefault(name, {})
+        if not isinstance(data, dict):
+            raise InputError(f"--set {key}: '{name}' is a value, not a table")
+    data[last] = value
+
+
+def _model_at(location: Sequence[Any]) -> type[BaseModel]:
+    """The table that a location of a validation error lies in."""
+    model: type[BaseModel] = Scene
+    for name in location:
+        if not isinstance(name, str) or name not in model.model_fields:
+            break
+        annotation = model.model_fields[name].annotation
+        inner = [a for a in (annotation, *getattr(annotation, "__args__", ())) if isinstance(a, type)]
+        table = next((a for a in inner if issubclass(a, BaseModel)), None)
+        if table is None:
+            break
+        model = table
+    return model
+
+
+def _key_of(location: Sequence[Any]) -> str:
+    """The dotted key of an error, without the steps that only say which alternative of a type was tried."""
+    model, key = Scene, []
+    for name in location:
+        if isinstance(name, int) and key:
+            key[-1] += f"[{name}]"
+        elif isinstance(name, str) and (name in model.model_fields or not key or name == location[-1]):
+            if key and name not in model.model_fields and model is not _model_at(key):
+                continue
+            key.append(name)
+            model = _model_at(key)
+    return ".".join(key)
+
+
+def _explain(error: Mapping[str, Any]) -> str:
+    """One line for one validation error: key, value, what is accepted."""
+    location = error["loc"]
+    table = _model_at(location[:-1]) if location else Scene
+    if error["type"] == "extra_forbidden":
+        known = list(table.model_fields)
+        near = difflib.get_close_matches(str(location[-1]), known, n=1, cutoff=0.5)
+        hint = f"did you mean '{near[0]}'?" if near else f"known keys here: {', '.join(known)}"
+        return f"{'.'.join(map(str, location))}: unknown key; {hint}"
+    key = _key_of(location)
+    if error["type"] == "missing":
+        return f"{key}: missing; {_description(location) or 'this key is required'}"
+    message = error["msg"].removeprefix("Value error, ")
+    message = message[0].lower() + message[1:]
+    value = error.get("input")
+    quoted = "" if isinstance(value, (dict, BaseModel)) else f" = {value!r}"
+    return f"{key}{quoted}: {message}" if key else message
+
+
+def _description(location: Sequence[Any]) -> str:
+    table = _model_at(location[:-1])
+    field = table.model_fields.get(str(location[-1]))
+    return (field.description or "") if field else ""
+
+
+def parse_scene(data: Mapping[str, Any], where: str, folder: Path) -> Scene:
+    """Validate a scene given as nested tables.
+
+    Args:
+        data: Tables and keys as in a scene file.
+        where: What error messages call the scene, usually its file name.
+        folder: Folder that image paths are relative to.
+
+    Raises:
+        InputError: With key, value and what is accepted.
+    """
+    try:
+        scene = Scene.model_validate(data)
+    except ValidationError as error:
+        first = error.errors()[0]
+        more = len({e["loc"][:2] for e in error.errors()}) - 1
+        tail = f" (and {more} more)" if more > 0 else ""
+        raise InputError(f"{where}: {_explain(first)}{tail}") from None
+    absolute = {
+        f"{table}.{key}": folder / value
+        for table in ("leaf", "maps")
+        for key, value in getattr(scene, table)
+        if isinstance(value, Path)
+    }
+    return scene.with_changes(absolute)
+
+
+def load_scene(path: Path, changes: Sequence[str] = ()) -> Scene:
+    """Read a scene file.
+
+    Args:
+        path: A TOML file.
+        changes: Overrides "key=value" as on the command line; the value is TOML, or else a plain string.
+
+    Raises:
+        InputError: No such file, not TOML, or not a valid scene.
+    """
+    try:
+        data = tomllib.loads(path.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such scene file") from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(f"{path}: cannot be read as a text file: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+    for change in changes:
+        key, separator, text = change.partition("=")
+        if not separator or not key.strip():
+            raise InputError(f"--set {change}: accepted: key=value, such as fluid.step=30")
+        try:
+            value = tomllib.loads(f"value = {text}")["value"]
+        except tomllib.TOMLDecodeError:
+            value = text.strip()
+        _put(data, key.strip(), value)
+    data.setdefault("name", path.stem)
+    return parse_scene(data, str(path), path.parent)

@@ -1,0 +1,1 @@
+"""The simulation: plan, state and stages."""

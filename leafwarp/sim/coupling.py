@@ -1,0 +1,334 @@
+"""The coupling step (paper, Sec. III-C): the only place that reads the water and writes the structure.
+
+Once a frame the water is sampled at the middle of every spring, and rest lengths, rest angles, stiffness and mass
+follow it through the scene's response curves. Nothing travels to host memory here.
+
+======================  ==========================================================================
+points                  where they lie on the map
+======================  ==========================================================================
+``edge``                midpoint of the spring's two vertices
+``hinge``               midpoint of the two vertices opposite to the edge
+``vertex``              the vertex itself (mass, and the water that is written out)
+======================  ==========================================================================
+"""
+
+from __future__ import annotations
+
+from typing import ClassVar
+
+import numpy as np
+
+from leafwarp.leaf.leaf import Leaf
+from leafwarp.scene import Curve, Scene
+from leafwarp.sim import material
+from leafwarp.sim.launch import ArraySpec, State
+from leafwarp.sim.sampling import sampling_stencils, smooth_over_leaf
+from leafwarp.sim.stage import Interval, Stage
+from leafwarp_kernels.response import respond_in_proportion, respond_to_change
+from leafwarp_kernels.sampling import sample_map
+
+
+def watered_points(scene: Scene) -> tuple[str, ...]:
+    """The kinds of points at which the scene needs the water."""
+    edge = scene.shrink is not None or scene.stiffness_varies
+    hinge = scene.has_angular_springs and (scene.curl is not None or scene.stiffness_varies)
+    return ("edge",) * edge + ("hinge",) * hinge + ("vertex",)
+
+
+def veined_points(scene: Scene) -> tuple[str, ...]:
+    """The kinds of points at which the structure needs the venation."""
+    stiffer = scene.structure.vein_stiffness != 1.0
+    edge = stiffer or (scene.shrink is not None and scene.shrink.vein_resistance > 0.0)
+    bends = stiffer or (scene.curl is not None and scene.curl.vein_resistance > 0.0)
+    return ("edge",) * edge + ("hinge",) * (bends and scene.has_angular_springs)
+
+
+def point_uv(leaf: Leaf, points: str) -> np.ndarray:
+    """Map coordinates of all points of a kind ("edge", "hinge" or "vertex"), shape [count, 2]."""
+    ends = {"edge": leaf.mesh.edges, "hinge": leaf.mesh.hinges[:, 2:]}
+    return leaf.uv if points == "vertex" else leaf.uv[ends[points]].mean(axis=1)
+
+
+def _point_count(leaf: Leaf, points: str) -> int:
+    mesh = leaf.mesh
+    return {"edge": mesh.edge_count, "hinge": mesh.hinge_count, "vertex": mesh.vertex_count}[points]
+
+
+class Stencils(Stage):
+    """Tables of the cells around every sampled point."""
+
+    name = "stencils"
+    purpose = "map cells and weights around every sampled point, off-leaf cells left out"
+    rate = "start"
+
+    def __init__(self, scene: Scene, leaf: Leaf):
+        super().__init__(scene, leaf)
+        needed = set(veined_points(scene)) | (set(watered_points(scene)) if scene.fluid else set())
+        self.points = tuple(p for p in ("edge", "hinge", "vertex") if p in needed)
+        self.arrays = tuple(
+            spec
+            for p in self.points
+            for spec in (
+                ArraySpec(f"{p}_stencil_cells", (_point_count(leaf, p), 4), "int32", "flat map cells around each point"),
+                ArraySpec(f"{p}_stencil_weights", (_point_count(leaf, p), 4), "real", "their weights, with sum 1"),
+            )
+        )
+        self.writes = tuple(spec.name for spec in self.arrays)
+
+    def bind(self, state: State) -> None:
+        for points in self.points:
+            cells, weights = sampling_stencils(point_uv(self.leaf, points), self.leaf.mask)
+            state.upload(f"{points}_stencil_cells", cells)
+            state.upload(f"{points}_stencil_weights", weights)
+
+
+class _Sampling(Stage):
+    """Samples one map at some kinds of points."""
+
+    quantity: ClassVar[str]
+    map_name: ClassVar[str]
+
+    def __init__(self, scene: Scene, leaf: Leaf, points: tuple[str, ...]):
+        super().__init__(scene, leaf)
+        self.points = points
+        self.kernels = (sample_map,) * len(points)
+        self.reads = (self.map_name, *(f"{p}_stencil_{part}" for p in points for part in ("cells", "weights")))
+        self.writes = tuple(f"{p}_{self.quantity}" for p in points)
+        self.arrays = _sample_specs(leaf, points, self.quantity)
+
+    def bind(self, state: State) -> None:
+        values = state[self.map_name].flatten()
+        self.commands = [
+            state.record(
+                sample_map,
+                _point_count(self.leaf, p),
+                [values, f"{p}_stencil_cells", f"{p}_stencil_weights"],
+                [f"{p}_{self.quantity}"],
+            )
+            for p in self.points
+        ]
+        self.run()
+
+
+def _sample_specs(leaf: Leaf, points: tuple[str, ...], quantity: str) -> tuple[ArraySpec, ...]:
+    meaning = {"water": "relative water content at each point", "venation": "flow capacity at each point"}[quantity]
+    return tuple(ArraySpec(f"{p}_{quantity}", (_point_count(leaf, p),), "real", meaning) for p in points)
+
+
+class SampleVenation(_Sampling):
+    """Venation at the springs, smoothed to the edge length first: a thin vein must not be hit or missed by luck."""
+
+    name = "sample_venation"
+    purpose = "venation at the middle of every spring"
+    rate = "start"
+    quantity = "venation"
+    map_name = "venation"
+
+    def __init__(self, scene: Scene, leaf: Leaf):
+        super().__init__(scene, leaf, veined_points(scene))
+        spec = ArraySpec("venation", leaf.mask.shape, "real", "flow capacity, smoothed to the edge length")
+        self.arrays = (spec, *self.arrays)
+        self.writes = ("venation", *self.writes)
+        self.reads = self.reads[1:]
+
+    def bind(self, state: State) -> None:
+        ends = self.leaf.mesh.positions[self.leaf.mesh.edges]
+        half_edge = 0.5 * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean()
+        height, width = self.leaf.mask.shape
+        radius = (half_edge * width / self.leaf.frame.size[0], half_edge * height / self.leaf.frame.size[1])
+        state.upload("venation", smooth_over_leaf(self.leaf.maps["venation"], self.leaf.mask, radius))
+        super().bind(state)
+
+
+class SampleWater(_Sampling):
+    """Water at the springs and vertices, from the fluid's map."""
+
+    name = "sample_water"
+    purpose = "water at the middle of every spring and at every vertex"
+    rate = "frame"
+    quantity = "water"
+    map_name = "water_now"
+
+    def __init__(self, scene: Scene, leaf: Leaf):
+        super().__init__(scene, leaf, watered_points(scene))
+
+
+class PrescribedWater(Stage):
+    """Water that the scene prescribes, the same everywhere: no map, no fluid."""
+
+    name = "prescribed_water"
+    purpose = "the same prescribed water at every spring and vertex"
+    rate = "frame"
+
+    def __init__(self, scene: Scene, leaf: Leaf):
+        super().__init__(scene, leaf)
+        self.points = watered_points(scene)
+        self.arrays = _sample_specs(leaf, self.points, "water")
+        self.writes = tuple(spec.name for spec in self.arrays)
+
+    def content(self, plant_time: float) -> float:
+        """The prescribed relative water content at a plant time [s]."""
+        times, contents = zip(*self.scene.water.curve)
+        return float(np.interp(plant_time, times, contents))
+
+    def bind(self, state: State) -> None:
+        self._samples = [state[name] for name in self.writes]
+        self.run(Interval(0.0, 0.0))
+
+    def run(self, interval: Interval | None = None) -> None:
+        for samples in self._samples:
+            samples.fill_(self.content(interval.end))
+
+
+class _Response(Stage):
+    """Makes one parameter of the structure follow the water at some points through a response curve."""
+
+    rate = "frame"
+    parameter: ClassVar[str]
+    points: ClassVar[str]
+    kernels = (respond_to_change,)
+
+    def __init__(self, scene: Scene, leaf: Leaf):
+        super().__init__(scene, leaf)
+        count, name = _point_count(leaf, self.points), self.parameter
+        self.reads = (f"{self.points}_water",)
+        self.writes = (name,)
+        self.arrays = (
+            *_curve_specs(name, self.curve()),
+            ArraySpec(f"{name}_gain", (count,), "real", f"change of {name} for a change of 1 of its response"),
+            ArraySpec(f"{name}_start", (count,), "real", f"{name} of the photographed leaf"),
+            ArraySpec(f"{name}_response_start", (count,), "real", f"response of {name} to the water at the start"),
+        )
+
+    def curve(self) -> Curve:
+        """The response curve."""
+        raise NotImplementedError
+
+    def start_and_gain(self, water: np.ndarray, venation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The parameter at the start and its gain, from water at the start and venation; all [point_count]."""
+        raise NotImplementedError
+
+    def bind(self, state: State) -> None:
+        name, samples = self.parameter, f"{self.points}_water"
+        start, gain = self.start_and_gain(state[samples].numpy(), _venation(state, self.points))
+        curve = _upload_curve(state, name, self.curve())
+        count = len(start)
+        # The start's response comes from the kernel's own arithmetic, so that no change is exactly none.
+        state.upload(f"{name}_gain", np.ones(count))
+        state.record(
+            respond_in_proportion, count, [samples, *curve, f"{name}_gain"], [f"{name}_response_start"]
+        ).run()
+        state.upload(f"{name}_gain", gain)
+        state.upload(f"{name}_start", start)
+        inputs = [samples, *curve, f"{name}_response_start", f"{name}_gain", f"{name}_start"]
+        self.commands = [state.record(respond_to_change, count, inputs, [name])]
+
+
+def _curve_specs(name: str, curve: Curve) -> tuple[ArraySpec, ...]:
+    return (
+        ArraySpec(f"{name}_curve_water", (len(curve),), "real", f"water contents of the response curve of {name}"),
+        ArraySpec(f"{name}_curve_value", (len(curve),), "real", f"values of the response curve of {name}"),
+    )
+
+
+def _upload_curve(state: State, name: str, curve: Curve) -> tuple[str, str]:
+    contents, values = zip(*curve)
+    state.upload(f"{name}_curve_water", np.array(contents))
+    state.upload(f"{name}_curve_value", np.array(values))
+    return f"{name}_curve_water", f"{name}_curve_value"
+
+
+class RestLengths(_Response):
+    """Edge springs shorten as the leaf dries; veins resist."""
+
+    name = "rest_lengths"
+    purpose = "rest lengths of the edge springs from the water (shrink)"
+    parameter = "edge_rest_length"
+    points = "edge"
+
+    def curve(self) -> Curve:
+        return self.scene.shrink.curve
+
+    def start_and_gain(self, water: np.ndarray, venation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        lengths = material.rest_lengths(self.leaf.mesh, material.rest_positions(self.scene, self.leaf))
+        return lengths, -lengths * (1.0 - self.scene.shrink.vein_resistance * venation)
+
+
+class RestAngles(_Response):
+    """Angular springs bend as one side of the leaf shrinks more than the other."""
+
+    name = "rest_angles"
+    purpose = "rest angles of the angular springs from the water (curl)"
+    parameter = "hinge_rest_angle"
+    points = "hinge"
+
+    def curve(self) -> Curve:
+        return self.scene.curl.mismatch
+
+    def start_and_gain(self, water: np.ndarray, venation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        angles = material.rest_angles(self.leaf.mesh, material.rest_positions(self.scene, self.leaf))
+        curvature_per_mismatch = 1.5 / self.scene.curl.thickness
+        bend = curvature_per_mismatch * material.hinge_span(self.leaf.mesh)
+        return angles, bend * (1.0 - self.scene.curl.vein_resistance * venation)
+
+
+class Mass(_Response):
+    """A drying leaf gets lighter."""
+
+    name = "mass"
+    purpose = "mass of every vertex from its water"
+    parameter = "mass"
+    points = "vertex"
+
+    def curve(self) -> Curve:
+        return ((0.0, 0.0), (1.0, 1.0))
+
+    def start_and_gain(self, water: np.ndarray, venation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        structure, areas = self.scene.structure, self.leaf.mesh.vertex_areas
+        return (structure.dry_mass + structure.water_mass * water) * areas, structure.water_mass * areas
+
+
+def _venation(state: State, points: str) -> np.ndarray:
+    """Venation at points of a kind; 0 where the scene does not need it."""
+    name = f"{points}_venation"
+    return state[name].numpy() if name in state else np.zeros(1)
+
+
+class Stiffness(Stage):
+    """Veins are stiffer than lamina; turgor and drying change both. Set once where the water does not matter."""
+
+    name = "stiffness"
+    purpose = "stiffness of the springs from venation and water"
+
+    def __init__(self, scene: Scene, leaf: Leaf):
+        super().__init__(scene, leaf)
+        self.springs = ("edge", "hinge") if scene.has_angular_springs else ("edge",)
+        self.reads = tuple(f"{p}_venation" for p in veined_points(scene)) if scene.structure.vein_stiffness != 1 else ()
+        self.writes = tuple(f"{s}_stiffness" for s in self.springs)
+        self.rate = "frame" if scene.stiffness_varies else "start"
+        if scene.stiffness_varies:
+            self.kernels = (respond_in_proportion,) * len(self.springs)
+            self.reads += tuple(f"{s}_water" for s in self.springs)
+            self.arrays = (
+                *_curve_specs("stiffness", scene.structure.stiffness),
+                *(
+                    ArraySpec(f"{s}_stiffness_gain", (_point_count(leaf, s),), "real", "stiffness at a response of 1")
+                    for s in self.springs
+                ),
+            )
+
+    def bind(self, state: State) -> None:
+        structure, mesh = self.scene.structure, self.leaf.mesh
+        lamina = {"edge": material.edge_stiffness(mesh, structure.membrane_stiffness)}
+        if "hinge" in self.springs:
+            lamina["hinge"] = material.hinge_stiffness(mesh, structure.bending_stiffness)
+        curve = _upload_curve(state, "stiffness", structure.stiffness) if self.kernels else ()
+        for s in self.springs:
+            venation = _venation(state, s) if structure.vein_stiffness != 1.0 else 0.0
+            gain = lamina[s] * (1.0 + (structure.vein_stiffness - 1.0) * venation)
+            if not self.kernels:
+                state.upload(f"{s}_stiffness", gain * structure.stiffness[0][1])
+                continue
+            state.upload(f"{s}_stiffness_gain", gain)
+            inputs = [f"{s}_water", *curve, f"{s}_stiffness_gain"]
+            self.commands.append(state.record(respond_in_proportion, len(gain), inputs, [f"{s}_stiffness"]))

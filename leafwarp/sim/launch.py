@@ -1,0 +1,135 @@
+"""Concrete kernels of one precision, and the arrays and recorded launches of one simulation."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import warp as wp
+
+wp.config.log_level = wp.LOG_WARNING
+
+REAL = {"float32": wp.float32, "float64": wp.float64}
+VECTOR = {"float32": wp.vec3f, "float64": wp.vec3d}
+
+
+def specialise(kernel: wp.Kernel, precision: str) -> wp.Kernel:
+    """The overload of a generic kernel for one precision.
+
+    In a kernel's signature ``wp.Float`` stands for a scalar of the scene's precision and ``Any`` for a 3-vector of
+    it. Only the overloads asked for here are ever compiled.
+
+    Args:
+        kernel: A kernel of :mod:`leafwarp_kernels`.
+        precision: "float32" or "float64".
+    """
+    concrete = {wp.Float: REAL[precision], Any: VECTOR[precision]}
+    types = {}
+    for argument in kernel.adj.args:
+        annotated = argument.type
+        if hasattr(annotated, "ndim"):
+            if annotated.dtype in concrete:
+                types[argument.label] = wp.array(dtype=concrete[annotated.dtype], ndim=annotated.ndim)
+        elif annotated in concrete:
+            types[argument.label] = concrete[annotated]
+    return wp.overload(kernel, types) if types else kernel
+
+
+@dataclass(frozen=True)
+class ArraySpec:
+    """An array that a stage brings into the state.
+
+    Attributes:
+        name: Its name in the state.
+        shape: Its shape.
+        kind: "real" (the scene's precision), "vector" (3-vector of it), "int32", "bool" or "float64".
+        meaning: What it holds, with its unit.
+    """
+
+    name: str
+    shape: tuple[int, ...]
+    kind: str
+    meaning: str
+
+    def dtype(self, precision: str) -> Any:
+        """The Warp type of an element."""
+        fixed = {"int32": wp.int32, "bool": wp.bool, "float64": wp.float64}
+        return fixed.get(self.kind) or (REAL if self.kind == "real" else VECTOR)[precision]
+
+    def numpy_dtype(self, precision: str) -> np.dtype:
+        """The NumPy type of a component of an element."""
+        return np.dtype(precision if self.kind in ("real", "vector") else self.kind)
+
+    def byte_count(self, precision: str) -> int:
+        """Memory that the array takes [byte]."""
+        return int(np.prod(self.shape)) * wp.types.type_size_in_bytes(self.dtype(precision))
+
+
+class State:
+    """The arrays of one simulation, by name, and the count of what was launched on them.
+
+    Args:
+        specs: Every array to allocate, zeroed. Nothing else is ever allocated for the simulation.
+        device: Warp device such as "cpu" or "cuda:0".
+        precision: "float32" or "float64".
+    """
+
+    def __init__(self, specs: Iterable[ArraySpec], device: str, precision: str):
+        self.device = wp.get_device(device)
+        self.precision = precision
+        self.real = REAL[precision]
+        self.vector = VECTOR[precision]
+        self.launch_count = 0
+        self._arrays: dict[str, wp.array] = {}
+        self._component: dict[str, np.dtype] = {}
+        for spec in specs:
+            if spec.name in self._arrays:
+                raise ValueError(f"array '{spec.name}' is declared twice")
+            self._arrays[spec.name] = wp.zeros(spec.shape, dtype=spec.dtype(precision), device=self.device)
+            self._component[spec.name] = spec.numpy_dtype(precision)
+
+    def __getitem__(self, name: str) -> wp.array:
+        return self._arrays[name]
+
+    def __contains__(self, name: str) -> bool:
+        return name in self._arrays
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of all arrays."""
+        return tuple(self._arrays)
+
+    @property
+    def byte_count(self) -> int:
+        """Memory of all arrays [byte]."""
+        return sum(array.capacity for array in self._arrays.values())
+
+    def upload(self, name: str, values: np.ndarray) -> None:
+        """Fill an array from the host, converted to its type."""
+        self._arrays[name].assign(np.ascontiguousarray(values, dtype=self._component[name]))
+
+    def record(self, kernel: wp.Kernel, dim: int | Sequence[int], inputs: Sequence[Any], outputs: Sequence[Any]) -> Command:
+        """Record a launch of a kernel's overload for this state's precision; nothing runs yet.
+
+        Arguments may be names of arrays of this state.
+        """
+        resolve = [self._arrays[a] if isinstance(a, str) else a for a in (*inputs, *outputs)]
+        launch = wp.launch(
+            specialise(kernel, self.precision), dim=dim, inputs=resolve, device=self.device, record_cmd=True
+        )
+        return Command(self, launch, kernel.key)
+
+
+@dataclass
+class Command:
+    """A recorded launch, counted in its state when it runs."""
+
+    state: State
+    launch: wp.Launch
+    kernel_name: str
+
+    def run(self) -> None:
+        self.launch.launch()
+        self.state.launch_count += 1

@@ -1,0 +1,157 @@
+"""The plan: the stages that a scene requires, in order, and those left out, with the reason.
+
+A stage's module is imported only if the scene asks for the stage; its arrays and launches follow from its
+declarations. Nothing outside the plan is compiled, allocated or launched.
+"""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from leafwarp.leaf.leaf import Leaf
+from leafwarp.scene import Scene
+from leafwarp.sim.launch import ArraySpec
+from leafwarp.sim.stage import Stage
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    """A stage that a scene may ask for: where it lives and why it would be left out (None: it is needed)."""
+
+    group: str
+    name: str
+    place: str
+    left_out: Callable[[Scene], str | None]
+
+
+def _needs(wanted: Callable[[Scene], Any], reason: str) -> Callable[[Scene], str | None]:
+    return lambda scene: None if wanted(scene) else reason
+
+
+def _stiffness_left_out(scene: Scene) -> str | None:
+    factors = {factor for _, factor in scene.structure.stiffness}
+    plain = factors == {1.0} and scene.structure.vein_stiffness == 1.0
+    return "stiffness is the same everywhere and at every water content" if plain else None
+
+
+def _samples_maps(scene: Scene) -> bool:
+    return scene.fluid is not None or scene.structure_has_veins
+
+
+def _bends(scene: Scene, how: str) -> bool:
+    return scene.has_angular_springs and scene.structure.bending == how
+
+
+_FLUID, _COUPLING = "leafwarp.sim.fluid", "leafwarp.sim.coupling"
+_FORCES, _OUTPUT = "leafwarp.sim.forces", "leafwarp.sim.output"
+_FLOWS = "water is prescribed by [water]"
+
+CANDIDATES: tuple[_Candidate, ...] = (
+    _Candidate("fluid", "transpiration", f"{_FLUID}:Transpiration",
+               _needs(lambda s: s.transpiration, "the scene has no [transpiration]")),
+    _Candidate("fluid", "source", f"{_FLUID}:Source", _needs(lambda s: s.source, "the scene has no [source]")),
+    _Candidate("fluid", "split_diffusion", f"{_FLUID}:SplitDiffusion",
+               lambda s: _FLOWS if not s.fluid else None if s.fluid.scheme == "split" else "fluid.scheme is unsplit"),
+    _Candidate("fluid", "unsplit_diffusion", f"{_FLUID}:UnsplitDiffusion",
+               lambda s: _FLOWS if not s.fluid else None if s.fluid.scheme == "unsplit" else "fluid.scheme is split"),
+    _Candidate("coupling", "stencils", f"{_COUPLING}:Stencils",
+               _needs(_samples_maps, "no map is sampled: water is prescribed and veins are not told apart")),
+    _Candidate("coupling", "sample_venation", f"{_COUPLING}:SampleVenation",
+               _needs(lambda s: s.structure_has_veins, "the structure does not tell veins from lamina")),
+    _Candidate("coupling", "sample_water", f"{_COUPLING}:SampleWater", _needs(lambda s: s.fluid, _FLOWS)),
+    _Candidate("coupling", "prescribed_water", f"{_COUPLING}:PrescribedWater",
+               _needs(lambda s: s.water, "the water flows ([fluid])")),
+    _Candidate("coupling", "rest_lengths", f"{_COUPLING}:RestLengths",
+               _needs(lambda s: s.shrink, "the scene has no [shrink]")),
+    _Candidate("coupling", "rest_angles", f"{_COUPLING}:RestAngles",
+               _needs(lambda s: s.curl, "the scene has no [curl]")),
+    _Candidate("coupling", "stiffness", f"{_COUPLING}:Stiffness", _stiffness_left_out),
+    _Candidate("coupling", "mass", f"{_COUPLING}:Mass",
+               _needs(lambda s: s.structure.water_mass > 0.0, "structure.water_mass is 0")),
+    _Candidate("motion", "edge_springs", f"{_FORCES}:EdgeSprings", lambda s: None),
+    _Candidate("motion", "angular_springs", f"{_FORCES}:AngularSprings",
+               _needs(lambda s: _bends(s, "gradient"), "no bending_stiffness, or bending is \"paper\"")),
+    _Candidate("motion", "paper_bending", f"{_FORCES}:PaperBending",
+               _needs(lambda s: _bends(s, "paper"), "structure.bending is not \"paper\"")),
+    _Candidate("motion", "gravity", f"{_FORCES}:Gravity",
+               _needs(lambda s: s.motion.gravity, "the scene has no motion.gravity")),
+    _Candidate("motion", "air", f"{_FORCES}:Air", _needs(lambda s: s.motion.drag > 0.0, "motion.drag is 0")),
+    _Candidate("motion", "integration", f"{_FORCES}:Integration", lambda s: None),
+    _Candidate("output", "frame", f"{_OUTPUT}:FrameOutput", lambda s: None),
+    _Candidate("output", "display_color", f"{_OUTPUT}:DisplayColor",
+               _needs(lambda s: s.output.display_color, "output.display_color is off")),
+    _Candidate("output", "contact_sheet", f"{_OUTPUT}:ContactSheetOutput",
+               _needs(lambda s: s.output.contact_sheet, "output.contact_sheet is off")),
+)  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Plan:
+    """The stages of one scene on one leaf.
+
+    Attributes:
+        scene: The scene.
+        leaf: The leaf.
+        groups: Stages in order, by group: "fluid", "coupling", "motion", "output".
+        left_out: Name of each stage that is not built, and why.
+    """
+
+    scene: Scene
+    leaf: Leaf
+    groups: dict[str, tuple[Stage, ...]]
+    left_out: dict[str, str]
+
+    @property
+    def stages(self) -> tuple[Stage, ...]:
+        """All stages in order."""
+        return tuple(stage for group in self.groups.values() for stage in group)
+
+    @property
+    def arrays(self) -> tuple[ArraySpec, ...]:
+        """Every array of the simulation."""
+        return tuple(spec for stage in self.stages for spec in stage.arrays)
+
+    @property
+    def byte_count(self) -> int:
+        """Memory of all arrays [byte]."""
+        return sum(spec.byte_count(self.scene.solver.precision) for spec in self.arrays)
+
+    def describe(self, runs_per_frame: dict[str, float]) -> list[dict[str, Any]]:
+        """The stages as plain data, for people and programs.
+
+        Args:
+            runs_per_frame: How often a stage of each rate runs in a frame, on average.
+        """
+        precision = self.scene.solver.precision
+        return [
+            {
+                "name": stage.name,
+                "purpose": stage.purpose,
+                "rate": stage.rate,
+                "reads": list(stage.reads),
+                "writes": list(stage.writes),
+                "kernels": sorted({f"{k.module.name}.{k.key}" for k in stage.kernels}),
+                "arrays": [spec.name for spec in stage.arrays],
+                "bytes": sum(spec.byte_count(precision) for spec in stage.arrays),
+                "launches_per_frame": stage.launches * runs_per_frame[stage.rate],
+            }
+            for stage in self.stages
+        ]
+
+
+def make_plan(scene: Scene, leaf: Leaf) -> Plan:
+    """The stages that a scene requires, declared but not yet bound to any array."""
+    groups: dict[str, list[Stage]] = {}
+    left_out: dict[str, str] = {}
+    for candidate in CANDIDATES:
+        reason = candidate.left_out(scene)
+        if reason is not None:
+            left_out[candidate.name] = reason
+            continue
+        module, _, name = candidate.place.partition(":")
+        stage = getattr(importlib.import_module(module), name)(scene, leaf)
+        groups.setdefault(candidate.group, []).append(stage)
+    return Plan(scene, leaf, {group: tuple(stages) for group, stages in groups.items()}, left_out)

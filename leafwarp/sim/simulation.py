@@ -1,0 +1,116 @@
+"""The simulation: the plan bound to arrays, advanced frame by frame."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+
+from leafwarp.leaf.leaf import Leaf
+from leafwarp.scene import Scene
+from leafwarp.sim.frame import Frame
+from leafwarp.sim.launch import State
+from leafwarp.sim.motion import Motion
+from leafwarp.sim.plan import Plan, make_plan
+from leafwarp.sim.stage import Interval, Stage
+
+
+class Simulation:
+    """A leaf that dries.
+
+    Two clocks run side by side. The water sees plant time: frame 1 is its start and the last frame its end. Gravity
+    and inertia see playback time, 1/fps a frame.
+
+    Args:
+        scene: What to model.
+        leaf: The prepared leaf.
+        device: Warp device such as "cpu" or "cuda:0".
+
+    Attributes:
+        plan: The stages.
+        state: Their arrays.
+        seconds: Wall time spent in each group of stages so far [s].
+        substeps: Motion substeps of every frame so far.
+    """
+
+    def __init__(self, scene: Scene, leaf: Leaf, device: str = "cpu"):
+        self.scene = scene
+        self.leaf = leaf
+        self.seconds: dict[str, float] = {}
+        self.substeps: list[int] = []
+        self.plan: Plan = make_plan(scene, leaf)
+        self.state = State(self.plan.arrays, device, scene.solver.precision)
+        groups = self.plan.groups
+        with self._timed("start"):
+            self.fluid = self._bind_fluid()
+            # The motion's stages fill in the photographed leaf; the coupling then lets it follow the water.
+            self.motion = Motion(scene, leaf, self.state, groups["motion"])
+            for group in ("coupling", "output"):
+                for stage in groups[group]:
+                    stage.bind(self.state)
+            self._couple(Interval(0.0, 0.0))
+
+    def _bind_fluid(self):
+        if self.scene.fluid is None:
+            return None
+        from leafwarp.sim.fluid import Fluid
+
+        return Fluid(self.scene, self.leaf, self.state, self.plan.groups["fluid"])
+
+    @contextmanager
+    def _timed(self, group: str) -> Iterator[None]:
+        begin = time.perf_counter()
+        try:
+            yield
+        finally:
+            self.seconds[group] = self.seconds.get(group, 0.0) + time.perf_counter() - begin
+
+    def output(self, name: str) -> Stage | None:
+        """The output stage of a name, or None where the scene does not ask for it."""
+        return next((stage for stage in self.plan.groups["output"] if stage.name == name), None)
+
+    def plant_time(self, frame: int) -> float:
+        """Plant time of a frame [s]."""
+        frames = self.scene.time.frames
+        return self.scene.time.duration * (frame - 1) / (frames - 1) if frames > 1 else 0.0
+
+    def _couple(self, interval: Interval) -> None:
+        for stage in self.plan.groups["coupling"]:
+            if stage.rate == "frame":
+                stage.run(interval)
+
+    def read_frame(self, index: int) -> Frame:
+        """The present state as frame ``index`` (0: the rest pose)."""
+        with self._timed("frame"):
+            frame = self.output("frame").read(index, self.plant_time(max(index, 1)))
+            display_color = self.output("display_color")
+            return frame if display_color is None else display_color.color(frame)
+
+    def advance(self, frame: int) -> None:
+        """Go on from frame ``frame - 1`` to ``frame``.
+
+        Raises:
+            SimulationError: The frame cannot be computed; the state is that of the frame before.
+        """
+        interval = Interval(self.plant_time(frame - 1), self.plant_time(frame))
+        if self.fluid is not None:
+            with self._timed("fluid"):
+                self.fluid.advance(interval.end)
+        with self._timed("coupling"):
+            self._couple(interval)
+        with self._timed("motion"):
+            self.substeps.append(self.motion.advance(1.0 / self.scene.time.fps, frame))
+
+    def settle(self) -> None:
+        """Let the leaf come to rest under its load, where the scene asks for it."""
+        if self.scene.motion.settle:
+            with self._timed("settle"):
+                self.motion.settle()
+
+    def frames(self, last: int | None = None) -> Iterator[Frame]:
+        """Compute and yield frames 1 to ``last`` (default: the scene's last)."""
+        self.settle()
+        yield self.read_frame(1)
+        for index in range(2, (last or self.scene.time.frames) + 1):
+            self.advance(index)
+            yield self.read_frame(index)
