@@ -20,9 +20,9 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
     from leafwarp.sim.simulation import Simulation
 
     simulation = Simulation(scene, leaf, device)
-    substeps = simulation.motion.substeps(1.0 / scene.time.fps)
+    substeps = simulation.motion.required_substeps(1.0 / scene.time.fps)
     intervals = max(scene.time.frames - 1, 1)
-    fluid_steps = simulation.fluid.step_count if simulation.fluid is not None else 0
+    fluid_steps = simulation.fluid.steps.count if simulation.fluid is not None else 0
     runs = {"start": 0.0, "fluid step": fluid_steps / intervals, "frame": 1.0, "substep": float(substeps), "output": 1.0}
     plan, mesh = simulation.plan, leaf.mesh
     return {

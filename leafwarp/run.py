@@ -11,16 +11,20 @@ import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from leafwarp.errors import InputError, LeafwarpError, OutputError
 from leafwarp.leaf import prepare_leaf
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.progress import Progress
 from leafwarp.scene import Scene
+
+if TYPE_CHECKING:
+    from leafwarp.sim.fluid import Fluid
+    from leafwarp.sim.simulation import Simulation
 
 CACHE_FOLDER = ".leafwarp-cache"
 
@@ -210,7 +214,9 @@ def run_scene(
     return report
 
 
-def make_report(simulation: Any, seconds: dict[str, float], frame_seconds: list[float], total: float) -> dict[str, Any]:
+def make_report(
+    simulation: Simulation, seconds: dict[str, float], frame_seconds: list[float], total: float
+) -> dict[str, Any]:
     """What a run was and did, as plain data."""
     import warp as wp
 
@@ -230,9 +236,13 @@ def make_report(simulation: Any, seconds: dict[str, float], frame_seconds: list[
             "angular_springs": mesh.hinge_count if scene.has_angular_springs else 0,
         },
         "map": list(scene.maps.shape) if scene.map_names else None,
-        "fluid": simulation.fluid.report() if simulation.fluid is not None else None,
+        "fluid": _fluid_report(simulation.fluid) if simulation.fluid is not None else None,
         "substeps": {"least": min(substeps, default=0), "most": max(substeps, default=0), "total": sum(substeps)},
-        "motion": simulation.motion.report(),
+        "motion": {
+            "retries": simulation.motion.retries,
+            "settled": asdict(simulation.settled) if simulation.settled is not None else None,
+            "unbalanced_torque": simulation.motion.unbalanced_torque,
+        },
         "frames": len(frame_seconds),
         "milliseconds_per_frame": {name: 1e3 * value / count for name, value in sorted(seconds.items())},
         "seconds": {
@@ -246,6 +256,17 @@ def make_report(simulation: Any, seconds: dict[str, float], frame_seconds: list[
         },
         "launches": simulation.state.launch_count,
         "arrays": len(simulation.state.names),
+    }
+
+
+def _fluid_report(fluid: Fluid) -> dict[str, Any]:
+    ledger = fluid.ledger()
+    most, total = fluid.solver_iterations
+    return {
+        "steps": fluid.steps_done,
+        "step_seconds": fluid.steps.length,
+        "ledger": {**asdict(ledger), "error": ledger.error},
+        "solver_iterations": {"most": most, "total": total},
     }
 
 

@@ -371,20 +371,30 @@ def _model_at(location: Sequence[Any]) -> type[BaseModel]:
 
 def _key_of(location: Sequence[Any]) -> str:
     """The dotted key of an error, without the steps that only say which alternative of a type was tried."""
-    model, key = Scene, []
+    model: type[BaseModel] | None = Scene
+    key: list[str] = []
     for name in location:
         if isinstance(name, int) and key:
             key[-1] += f"[{name}]"
-        elif isinstance(name, str) and (name in model.model_fields or not key or name == location[-1]):
-            if key and name not in model.model_fields and model is not _model_at(key):
-                continue
+        elif model is not None and name in model.model_fields:
             key.append(name)
-            model = _model_at(key)
+            table = _model_at(key)
+            model = table if table is not model else None
     return ".".join(key)
 
 
-def _explain(error: Mapping[str, Any]) -> str:
-    """One line for one validation error: key, value, what is accepted."""
+# Where the validator speaks of Python, a scene's author reads of TOML.
+_PLAIN_WORDS = {
+    "model_type": "a table is wanted",
+    "tuple_type": "a list is wanted",
+    "path_type": "a file's path is wanted",
+    "string_type": "a string is wanted",
+}
+
+
+def _explain(errors: Sequence[Mapping[str, Any]]) -> str:
+    """One line for the first error: key, value, what is accepted (by any alternative of the key's type)."""
+    error = errors[0]
     location = error["loc"]
     table = _model_at(location[:-1]) if location else Scene
     if error["type"] == "extra_forbidden":
@@ -395,8 +405,9 @@ def _explain(error: Mapping[str, Any]) -> str:
     key = _key_of(location)
     if error["type"] == "missing":
         return f"{key}: missing; {_description(location) or 'this key is required'}"
-    message = error["msg"].removeprefix("Value error, ")
-    message = message[0].lower() + message[1:]
+    same_key = [e for e in errors if _key_of(e["loc"]) == key]
+    alternatives = [_PLAIN_WORDS.get(e["type"], e["msg"].removeprefix("Value error, ")) for e in same_key]
+    message = ", or ".join(dict.fromkeys(text[0].lower() + text[1:] for text in alternatives))
     value = error.get("input")
     quoted = "" if isinstance(value, (dict, BaseModel)) else f" = {value!r}"
     return f"{key}{quoted}: {message}" if key else message
@@ -422,10 +433,10 @@ def parse_scene(data: Mapping[str, Any], where: str, folder: Path) -> Scene:
     try:
         scene = Scene.model_validate(data)
     except ValidationError as error:
-        first = error.errors()[0]
-        more = len({e["loc"][:2] for e in error.errors()}) - 1
+        errors = error.errors()
+        more = len({e["loc"][:2] for e in errors}) - 1
         tail = f" (and {more} more)" if more > 0 else ""
-        raise InputError(f"{where}: {_explain(first)}{tail}") from None
+        raise InputError(f"{where}: {_explain(errors)}{tail}") from None
     absolute = {
         f"{table}.{key}": folder / value
         for table in ("leaf", "maps")

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import json
 import os
+import tomllib
 from pathlib import Path
 
 from leafwarp.errors import InputError
 from leafwarp.run import prepare_scene_leaf, write_text
-from leafwarp.scene import load_scene
+from leafwarp.scene import parse_scene
 
 TEMPLATE = """\
 # A leaf that dries over a day. Every key and its unit: python -m leafwarp schema
@@ -88,13 +89,7 @@ def write_new_scene(photo: Path, output: Path, length: str, overwrite: bool) -> 
     image = os.path.relpath(photo.resolve(), output.parent.resolve())
     # A TOML basic string and a JSON string agree on everything that a path or a length can hold.
     text = TEMPLATE.format(image=json.dumps(Path(image).as_posix()), length=json.dumps(length))
-    draft = output.with_name(f".{output.name}.draft")
-    write_text(draft, text)
-    try:
-        prepare_scene_leaf(load_scene(draft), None)
-        draft.replace(output)
-    except InputError as error:
-        raise InputError(str(error).replace(str(draft), "--length" if "length" in str(error) else str(output))) from None
-    finally:
-        draft.unlink(missing_ok=True)
+    data = {"name": "leaf", **tomllib.loads(text)}
+    prepare_scene_leaf(parse_scene(data, str(output), output.parent), None)
+    write_text(output, text)
     return output

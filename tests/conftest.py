@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 import pytest
 
 
@@ -23,3 +25,68 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize("device", metafunc.config.getoption("--device") or ["cpu"])
     if "precision" in metafunc.fixturenames:
         metafunc.parametrize("precision", ["float32", "float64"])
+
+
+@pytest.fixture(scope="session")
+def photo(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A drawn photo: a green elliptic leaf with a petiole and a midrib on light paper."""
+    import cv2
+    import numpy as np
+
+    picture = np.full((320, 200, 3), 235, np.uint8)
+    cv2.ellipse(picture, (100, 140), (62, 110), 0, 0, 360, (60, 140, 70), -1, cv2.LINE_AA)
+    cv2.line(picture, (100, 240), (100, 300), (60, 130, 80), 9, cv2.LINE_AA)
+    cv2.line(picture, (100, 295), (100, 45), (120, 190, 150), 4, cv2.LINE_AA)
+    for side in (-1, 1):
+        for foot in range(80, 230, 30):
+            cv2.line(picture, (100, foot), (100 + 42 * side, foot - 25), (110, 180, 140), 2, cv2.LINE_AA)
+    path = tmp_path_factory.mktemp("photo") / "drawn.png"
+    cv2.imwrite(str(path), picture)
+    return path
+
+
+@pytest.fixture(scope="session")
+def small_scene(photo: Path) -> Path:
+    """A scene file on the drawn photo that asks for everything, small enough to run in a second."""
+    path = photo.with_name("small.toml")
+    path.write_text(SMALL_SCENE)
+    return path
+
+
+SMALL_SCENE = """
+[leaf]
+image = "drawn.png"
+length = "8 cm"
+camber = 0.02
+[mesh]
+vertices = 120
+[maps]
+size = [24, 32]
+[time]
+duration = "8 h"
+frames = 9
+fps = 24
+[fluid]
+step = "10 min"
+[transpiration]
+rate = "0.08 1/h"
+cuticle_rate = "0.02 1/h"
+[source]
+conductance = "0.2 1/h"
+cut_at = "2 h"
+[shrink]
+curve = [[1.0, 0.0], [0.2, 0.2]]
+vein_resistance = 0.5
+[curl]
+mismatch = [[1.0, 0.0], [0.2, 0.01]]
+[structure]
+membrane_stiffness = 6.0
+bending_stiffness = 1e-5
+vein_stiffness = 3.0
+stiffness = [[1.0, 1.0], [0.8, 0.7], [0.2, 1.2]]
+[motion]
+gravity = [0.0, 0.0, -0.1]
+drag = 4.0
+[output]
+display_color = true
+"""

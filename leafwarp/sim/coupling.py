@@ -250,7 +250,7 @@ class RestLengths(_Response):
         return self.scene.shrink.curve
 
     def start_and_gain(self, water: np.ndarray, venation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        lengths = material.rest_lengths(self.leaf.mesh, material.rest_positions(self.scene, self.leaf))
+        lengths = material.edge_lengths(self.leaf.mesh, material.rest_positions(self.scene, self.leaf))
         return lengths, -lengths * (1.0 - self.scene.shrink.vein_resistance * venation)
 
 
@@ -266,7 +266,7 @@ class RestAngles(_Response):
         return self.scene.curl.mismatch
 
     def start_and_gain(self, water: np.ndarray, venation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        angles = material.rest_angles(self.leaf.mesh, material.rest_positions(self.scene, self.leaf))
+        angles = material.dihedral_angles(self.leaf.mesh, material.rest_positions(self.scene, self.leaf))
         curvature_per_mismatch = 1.5 / self.scene.curl.thickness
         bend = curvature_per_mismatch * material.hinge_span(self.leaf.mesh)
         return angles, bend * (1.0 - self.scene.curl.vein_resistance * venation)

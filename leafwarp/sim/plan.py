@@ -37,6 +37,14 @@ def _stiffness_left_out(scene: Scene) -> str | None:
     return "stiffness is the same everywhere and at every water content" if plain else None
 
 
+def _diffusion_left_out(scene: Scene, scheme: str) -> str | None:
+    if scene.fluid is None:
+        return _PRESCRIBED
+    if max(scene.fluid.lamina_diffusivity, scene.fluid.vein_diffusivity) == 0.0:
+        return "both diffusivities are 0"
+    return None if scene.fluid.scheme == scheme else f"fluid.scheme is {scene.fluid.scheme}"
+
+
 def _samples_maps(scene: Scene) -> bool:
     return scene.fluid is not None or scene.structure_has_veins
 
@@ -47,21 +55,22 @@ def _bends(scene: Scene, how: str) -> bool:
 
 _FLUID, _COUPLING = "leafwarp.sim.fluid", "leafwarp.sim.coupling"
 _FORCES, _OUTPUT = "leafwarp.sim.forces", "leafwarp.sim.output"
-_FLOWS = "water is prescribed by [water]"
+_PRESCRIBED = "water is prescribed by [water]"
 
 CANDIDATES: tuple[_Candidate, ...] = (
     _Candidate("fluid", "transpiration", f"{_FLUID}:Transpiration",
-               _needs(lambda s: s.transpiration, "the scene has no [transpiration]")),
-    _Candidate("fluid", "source", f"{_FLUID}:Source", _needs(lambda s: s.source, "the scene has no [source]")),
-    _Candidate("fluid", "split_diffusion", f"{_FLUID}:SplitDiffusion",
-               lambda s: _FLOWS if not s.fluid else None if s.fluid.scheme == "split" else "fluid.scheme is unsplit"),
+               _needs(lambda s: s.transpiration and s.transpiration.rate > 0.0, "nothing transpires")),
+    _Candidate("fluid", "source", f"{_FLUID}:Source",
+               _needs(lambda s: s.source and s.source.conductance > 0.0, "no water enters")),
+    _Candidate("fluid", "split_diffusion", f"{_FLUID}:SplitDiffusion", lambda s: _diffusion_left_out(s, "split")),
     _Candidate("fluid", "unsplit_diffusion", f"{_FLUID}:UnsplitDiffusion",
-               lambda s: _FLOWS if not s.fluid else None if s.fluid.scheme == "unsplit" else "fluid.scheme is split"),
+               lambda s: _diffusion_left_out(s, "unsplit")),
+    _Candidate("fluid", "water", f"{_FLUID}:Water", _needs(lambda s: s.fluid, _PRESCRIBED)),
     _Candidate("coupling", "stencils", f"{_COUPLING}:Stencils",
                _needs(_samples_maps, "no map is sampled: water is prescribed and veins are not told apart")),
     _Candidate("coupling", "sample_venation", f"{_COUPLING}:SampleVenation",
                _needs(lambda s: s.structure_has_veins, "the structure does not tell veins from lamina")),
-    _Candidate("coupling", "sample_water", f"{_COUPLING}:SampleWater", _needs(lambda s: s.fluid, _FLOWS)),
+    _Candidate("coupling", "sample_water", f"{_COUPLING}:SampleWater", _needs(lambda s: s.fluid, _PRESCRIBED)),
     _Candidate("coupling", "prescribed_water", f"{_COUPLING}:PrescribedWater",
                _needs(lambda s: s.water, "the water flows ([fluid])")),
     _Candidate("coupling", "rest_lengths", f"{_COUPLING}:RestLengths",
@@ -71,6 +80,7 @@ CANDIDATES: tuple[_Candidate, ...] = (
     _Candidate("coupling", "stiffness", f"{_COUPLING}:Stiffness", _stiffness_left_out),
     _Candidate("coupling", "mass", f"{_COUPLING}:Mass",
                _needs(lambda s: s.structure.water_mass > 0.0, "structure.water_mass is 0")),
+    _Candidate("motion", "stable_step", "leafwarp.sim.stable_step:StableStep", lambda s: None),
     _Candidate("motion", "edge_springs", f"{_FORCES}:EdgeSprings", lambda s: None),
     _Candidate("motion", "angular_springs", f"{_FORCES}:AngularSprings",
                _needs(lambda s: _bends(s, "gradient"), "no bending_stiffness, or bending is \"paper\"")),

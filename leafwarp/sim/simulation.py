@@ -5,14 +5,18 @@ from __future__ import annotations
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import TYPE_CHECKING
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.frame import Frame
 from leafwarp.sim.launch import State
-from leafwarp.sim.motion import Motion
+from leafwarp.sim.motion import Motion, Settled
 from leafwarp.sim.plan import Plan, make_plan
 from leafwarp.sim.stage import Interval, Stage
+
+if TYPE_CHECKING:
+    from leafwarp.sim.fluid import Fluid
 
 
 class Simulation:
@@ -31,6 +35,7 @@ class Simulation:
         state: Their arrays.
         seconds: Wall time spent in each group of stages so far [s].
         substeps: Motion substeps of every frame so far.
+        settled: How well the leaf came to rest before the first frame; None where it was not asked to.
     """
 
     def __init__(self, scene: Scene, leaf: Leaf, device: str = "cpu"):
@@ -38,19 +43,19 @@ class Simulation:
         self.leaf = leaf
         self.seconds: dict[str, float] = {}
         self.substeps: list[int] = []
+        self.settled: Settled | None = None
         self.plan: Plan = make_plan(scene, leaf)
         self.state = State(self.plan.arrays, device, scene.solver.precision)
-        groups = self.plan.groups
         with self._timed("start"):
-            self.fluid = self._bind_fluid()
-            # The motion's stages fill in the photographed leaf; the coupling then lets it follow the water.
-            self.motion = Motion(scene, leaf, self.state, groups["motion"])
-            for group in ("coupling", "output"):
-                for stage in groups[group]:
+            # The motion's stages fill in the photographed leaf before the coupling lets it follow the water.
+            for group in ("fluid", "motion", "coupling", "output"):
+                for stage in self.plan.groups.get(group, ()):
                     stage.bind(self.state)
+            self.fluid = self._make_fluid()
             self._couple(Interval(0.0, 0.0))
+            self.motion = Motion(scene, leaf, self.state, self.plan.groups["motion"])
 
-    def _bind_fluid(self):
+    def _make_fluid(self) -> Fluid | None:
         if self.scene.fluid is None:
             return None
         from leafwarp.sim.fluid import Fluid
@@ -95,7 +100,7 @@ class Simulation:
         interval = Interval(self.plant_time(frame - 1), self.plant_time(frame))
         if self.fluid is not None:
             with self._timed("fluid"):
-                self.fluid.advance(interval.end)
+                self.fluid.advance(interval.end, frame)
         with self._timed("coupling"):
             self._couple(interval)
         with self._timed("motion"):
@@ -105,7 +110,7 @@ class Simulation:
         """Let the leaf come to rest under its load, where the scene asks for it."""
         if self.scene.motion.settle:
             with self._timed("settle"):
-                self.motion.settle()
+                self.settled = self.motion.settle()
 
     def frames(self, last: int | None = None) -> Iterator[Frame]:
         """Compute and yield frames 1 to ``last`` (default: the scene's last)."""

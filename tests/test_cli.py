@@ -1,0 +1,177 @@
+"""The command line: results, exit codes, one-line errors, signals."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from leafwarp.cli import main
+
+ROOT = Path(__file__).parent.parent
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "kernels")])}
+
+
+def refused(capsys: pytest.CaptureFixture, *arguments: object) -> str:
+    """The one line that a bad call prints."""
+    assert main([str(a) for a in arguments]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    line = err.strip().splitlines()[-1]
+    assert "Traceback" not in err
+    assert len(err.strip().splitlines()) == 1
+    return line
+
+
+@pytest.fixture(scope="module")
+def finished(small_scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The output folder of a whole run of the small scene."""
+    folder = tmp_path_factory.mktemp("finished")
+    assert main(["run", str(small_scene), "-o", str(folder), "-q"]) == 0
+    return folder
+
+
+def test_run_writes_usd_texture_and_report(finished: Path) -> None:
+    report = json.loads((finished / "small.report.json").read_text())
+    assert {p.name for p in finished.iterdir()} == {
+        "small.usd", "small_texture.png", "small.report.json", ".leafwarp-cache",
+    }  # fmt: skip
+    assert report["frames"] == 9
+    assert report["mesh"]["vertices"] == pytest.approx(120, rel=0.02)
+    assert report["map"] == [24, 32]
+    ledger = report["fluid"]["ledger"]
+    assert ledger["now"] < ledger["start"] == 1.0
+    assert abs(ledger["error"]) < 1e-6
+    for group in ("prepare", "fluid", "coupling", "motion", "frame", "usd"):
+        assert report["milliseconds_per_frame"][group] > 0.0
+    assert report["memory"]["peak_bytes"] > report["memory"]["arrays_bytes"] > 0
+    assert report["substeps"]["most"] & (report["substeps"]["most"] - 1) == 0
+
+
+def test_usd_holds_every_frame_and_the_water_falls(finished: Path) -> None:
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.Open(str(finished / "small.usd"))
+    mesh = UsdGeom.Mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))
+    assert mesh.GetPointsAttr().GetTimeSamples() == [float(f) for f in range(1, 10)]
+    water = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("water")
+    means = [sum(water.Get(f)) / len(water.Get(f)) for f in range(1, 10)]
+    assert all(b < a for a, b in zip(means, means[1:]))
+
+
+def test_an_existing_result_is_kept_unless_overwritten(finished: Path, small_scene: Path, capsys) -> None:
+    before = (finished / "small.usd").read_bytes()
+    assert "--overwrite" in refused(capsys, "run", small_scene, "-o", finished, "-q")
+    assert (finished / "small.usd").read_bytes() == before
+    assert main(["run", str(small_scene), "-o", str(finished), "-q", "--overwrite"]) == 0
+    assert capsys.readouterr().out.strip() == str(finished / "small.usd")
+    assert (finished / "small.usd").read_bytes() == before  # the same run gives the same bytes
+
+
+def test_frames_picks_what_is_written(small_scene: Path, tmp_path: Path, finished: Path, capsys) -> None:
+    from pxr import Usd, UsdGeom
+
+    target = tmp_path / "part.usda"
+    assert main(["run", str(small_scene), "-o", str(target), "--frames", "3:5", "--json", "-q"]) == 0
+    assert json.loads(capsys.readouterr().out)["frames"] == 5
+    points = {}
+    for path in (target, finished / "small.usd"):
+        stage = Usd.Stage.Open(str(path))
+        mesh = UsdGeom.Mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))
+        points[path] = [mesh.GetPointsAttr().Get(f) for f in (3, 4, 5)]
+        if path == target:
+            assert mesh.GetPointsAttr().GetTimeSamples() == [3.0, 4.0, 5.0]
+    assert points[target] == points[finished / "small.usd"]
+
+
+def test_bad_calls_are_one_line_each(small_scene: Path, tmp_path: Path, capsys) -> None:
+    assert "no such scene file" in refused(capsys, "run", tmp_path / "none.toml", "-o", tmp_path)
+    assert "did you mean 'step'" in refused(capsys, "run", small_scene, "-o", tmp_path, "--set", "fluid.stp=3")
+    assert "accepted here: cpu" in refused(capsys, "run", small_scene, "-o", tmp_path, "--device", "cuda:9")
+    assert "the scene has 9 frames" in refused(capsys, "run", small_scene, "-o", tmp_path, "--frames", "1:10")
+    assert "no such file" in refused(capsys, "run", small_scene, "-o", tmp_path, "--set", "leaf.image='none.png'")
+    assert "no such file" in refused(capsys, "new", tmp_path / "none.png")
+    blocked = tmp_path / "file"
+    blocked.write_text("")
+    assert "cannot be made" in refused(capsys, "run", small_scene, "-o", blocked / "sub")
+
+
+@pytest.mark.parametrize("arguments", [["fly"], ["run"], ["run", "a.toml", "--frames", "5:2"], ["run", "a", "--wrong"]])
+def test_bad_arguments_exit_with_2(arguments: list[str], capsys) -> None:
+    assert main(arguments) == 2
+    assert capsys.readouterr().out == ""
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root may write anywhere")
+def test_a_folder_that_cannot_be_written_is_refused(small_scene: Path, tmp_path: Path, capsys) -> None:
+    tmp_path.chmod(0o500)
+    assert "cannot be written" in refused(capsys, "run", small_scene, "-o", tmp_path)
+
+
+def test_plan_json_lists_stages_and_what_is_left_out(small_scene: Path, capsys) -> None:
+    assert main(["plan", str(small_scene), "--json"]) == 0
+    plan = json.loads(capsys.readouterr().out)
+    names = [stage["name"] for stage in plan["stages"]]
+    assert names.index("transpiration") < names.index("diffusion") < names.index("edge_springs")
+    for stage in plan["stages"]:
+        assert {"reads", "writes", "kernels", "bytes", "launches_per_frame", "purpose"} <= set(stage)
+    assert "contact_sheet" in {entry["name"] for entry in plan["left_out"]}
+    assert plan["substeps_per_frame"] >= 1
+
+
+def test_new_writes_a_scene_that_runs_at_once(photo: Path, tmp_path: Path, capsys) -> None:
+    scene = tmp_path / "mine.toml"
+    assert main(["new", str(photo), "-o", str(scene), "--length", "7 cm"]) == 0
+    assert capsys.readouterr().out.strip() == str(scene)
+    assert "exists already" in refused(capsys, "new", photo, "-o", scene)
+    few = ["--set", "mesh.vertices=100", "--set", "maps.size=24", "--set", "time.frames=3"]
+    assert main(["run", str(scene), "-o", str(tmp_path), "-q", *few, "--set", "output.contact_sheet=false"]) == 0
+
+
+def test_new_refuses_a_bad_length(photo: Path, tmp_path: Path, capsys) -> None:
+    line = refused(capsys, "new", photo, "-o", tmp_path / "mine.toml", "--length", "7 feet")
+    assert "leaf.length = '7 feet'" in line
+    assert not (tmp_path / "mine.toml").exists()
+
+
+def test_help_imports_nothing_heavy() -> None:
+    code = (
+        "import sys; from leafwarp.cli import main; main(['--help']); "
+        "print([m for m in ('warp', 'numpy', 'cv2', 'pxr', 'trimesh', 'scipy', 'pydantic') if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], env=ENVIRONMENT, capture_output=True, text=True, check=True)
+    assert done.stdout.strip().endswith("[]")
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_signal_ends_the_run_after_its_frame(small_scene: Path, tmp_path: Path, number: signal.Signals) -> None:
+    from pxr import Usd, UsdGeom
+
+    command = [sys.executable, "-m", "leafwarp", "run", str(small_scene), "-o", str(tmp_path), "--set", "time.frames=5000"]
+    process = subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
+    for line in process.stderr:
+        if line.startswith("frame 3/"):
+            process.send_signal(number)
+            break
+    rest = process.stderr.read()
+    assert process.wait(timeout=60) == 128 + number
+    assert "Traceback" not in rest
+    stage = Usd.Stage.Open(str(tmp_path / "small.usd"))
+    mesh = UsdGeom.Mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))
+    samples = mesh.GetPointsAttr().GetTimeSamples()
+    assert len(samples) >= 3
+    assert samples == [float(f) for f in range(1, len(samples) + 1)]
+    assert json.loads((tmp_path / "small.report.json").read_text())["frames"] == len(samples)
+
+
+def test_progress_is_a_line_a_frame_when_not_on_a_terminal(small_scene: Path, tmp_path: Path) -> None:
+    command = [sys.executable, "-m", "leafwarp", "run", str(small_scene), "-o", str(tmp_path), "--frames", "1:2"]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=True)
+    assert done.stdout == f"{tmp_path / 'small.usd'}\n"
+    lines = [line for line in done.stderr.splitlines() if line.startswith("frame ")]
+    assert [line.split()[1:3] for line in lines] == [["1/2", "50%"], ["2/2", "100%"]]
