@@ -11,6 +11,8 @@ The public API is imported lazily, so that ``import leafwarp`` costs nothing:
 from importlib import import_module
 from typing import Any
 
+__version__ = "0.1.0"
+
 _PLACES = {
     "Scene": "leafwarp.scene",
     "load_scene": "leafwarp.scene",

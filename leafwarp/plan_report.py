@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from leafwarp.run import check_device, prepare_scene_leaf
+from leafwarp.run import prepare_scene_leaf
 from leafwarp.scene import Scene
 
 
@@ -15,11 +15,11 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
         InputError: Bad photo or device.
     """
     leaf = prepare_scene_leaf(scene, None)
-    device = check_device(device)
 
+    from leafwarp.sim.launch import check_device
     from leafwarp.sim.simulation import Simulation
 
-    simulation = Simulation(scene, leaf, device)
+    simulation = Simulation(scene, leaf, check_device(device))
     substeps = simulation.motion.required_substeps(1.0 / scene.time.fps)
     intervals = max(scene.time.frames - 1, 1)
     fluid_steps = simulation.fluid.steps.count if simulation.fluid is not None else 0
@@ -27,7 +27,7 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
     plan, mesh = simulation.plan, leaf.mesh
     return {
         "scene": scene.name,
-        "device": device,
+        "device": simulation.state.device.alias,
         "precision": scene.solver.precision,
         "mesh": {
             "vertices": mesh.vertex_count,

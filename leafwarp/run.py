@@ -16,6 +16,7 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from leafwarp import __version__
 from leafwarp.errors import InputError, LeafwarpError, OutputError
 from leafwarp.leaf import prepare_leaf
 from leafwarp.leaf.leaf import Leaf
@@ -23,7 +24,6 @@ from leafwarp.progress import Progress
 from leafwarp.scene import Scene
 
 if TYPE_CHECKING:
-    from leafwarp.sim.fluid import Fluid
     from leafwarp.sim.simulation import Simulation
 
 CACHE_FOLDER = ".leafwarp-cache"
@@ -67,21 +67,6 @@ def prepare_scene_leaf(scene: Scene, cache: Path | None) -> Leaf:
         maps={name: getattr(scene.maps, name) for name in scene.map_names},
         cache=cache,
     )
-
-
-def check_device(device: str) -> str:
-    """The device's name.
-
-    Raises:
-        InputError: Warp knows no such device here.
-    """
-    import warp as wp
-
-    try:
-        return wp.get_device(device).alias
-    except (RuntimeError, ValueError):
-        known = ", ".join(d.alias for d in wp.get_devices())
-        raise InputError(f"--device {device}: no such device; accepted here: {known}") from None
 
 
 def make_output_folder(paths: OutputPaths, overwrite: bool) -> None:
@@ -154,14 +139,14 @@ def run_scene(
     make_output_folder(paths, overwrite)
     leaf = prepare_scene_leaf(scene, paths.cache)
     prepared = time.perf_counter()
-    device = check_device(device)
 
+    from leafwarp.sim.launch import check_device
     from leafwarp.sim.simulation import Simulation
     from leafwarp.usd.writer import UsdWriter
 
     frames = frames or range(1, scene.time.frames + 1)
-    simulation = Simulation(scene, leaf, device)
-    sheet = simulation.output("contact_sheet")
+    simulation = Simulation(scene, leaf, check_device(device))
+    sheet = simulation.stage("contact_sheet")
     if sheet is not None:
         sheet.start(frames[0], frames[-1])
     seconds = {"prepare": prepared - begin, "usd": 0.0, "contact_sheet": 0.0}
@@ -175,7 +160,7 @@ def run_scene(
         fps=scene.time.fps,
         display_color=scene.output.display_color,
         up_axis=scene.output.up_axis,
-        metadata={"leafwarp": version("leafwarp"), "scene": scene.name},
+        metadata={"leafwarp": __version__, "scene": scene.name},
     )
     progress = Progress(frames[-1], progress_level)
     with _stop_requests() as stop:
@@ -222,10 +207,10 @@ def make_report(
 
     scene, mesh, substeps = simulation.scene, simulation.leaf.mesh, simulation.substeps
     count = max(len(frame_seconds), 1)
-    packages = ("leafwarp", "warp-lang", "numpy", "opencv-python-headless", "usd-core")
+    packages = ("warp-lang", "numpy", "opencv-python-headless", "usd-core")
     return {
         "scene": scene.name,
-        "versions": {"python": platform.python_version(), **{name: version(name) for name in packages}},
+        "versions": {"leafwarp": __version__, "python": platform.python_version(), **{name: version(name) for name in packages}},
         "device": {"name": wp.get_device(simulation.state.device).name, "alias": simulation.state.device.alias},
         "machine": f"{platform.machine()}, {os.cpu_count()} cores",
         "precision": scene.solver.precision,
@@ -236,7 +221,7 @@ def make_report(
             "angular_springs": mesh.hinge_count if scene.has_angular_springs else 0,
         },
         "map": list(scene.maps.shape) if scene.map_names else None,
-        "fluid": _fluid_report(simulation.fluid) if simulation.fluid is not None else None,
+        "fluid": _fluid_report(simulation) if simulation.fluid is not None else None,
         "substeps": {"least": min(substeps, default=0), "most": max(substeps, default=0), "total": sum(substeps)},
         "motion": {
             "retries": simulation.motion.retries,
@@ -259,15 +244,18 @@ def make_report(
     }
 
 
-def _fluid_report(fluid: Fluid) -> dict[str, Any]:
+def _fluid_report(simulation: Simulation) -> dict[str, Any]:
+    fluid = simulation.fluid
     ledger = fluid.ledger()
-    most, total = fluid.solver_iterations
-    return {
+    report = {
         "steps": fluid.steps_done,
         "step_seconds": fluid.steps.length,
         "ledger": {**asdict(ledger), "error": ledger.error},
-        "solver_iterations": {"most": most, "total": total},
     }
+    solver = simulation.stage("unsplit_diffusion")
+    if solver is not None:
+        report["solver_iterations"] = {"most": solver.most_iterations, "total": solver.iterations}
+    return report
 
 
 def write_text(path: Path, text: str) -> None:

@@ -9,6 +9,8 @@ from typing import Any
 import numpy as np
 import warp as wp
 
+from leafwarp.errors import InputError
+
 wp.config.log_level = wp.LOG_WARNING
 
 REAL = {"float32": wp.float32, "float64": wp.float64}
@@ -35,6 +37,19 @@ def specialise(kernel: wp.Kernel, precision: str) -> wp.Kernel:
         elif annotated in concrete:
             types[argument.label] = concrete[annotated]
     return wp.overload(kernel, types) if types else kernel
+
+
+def check_device(device: str) -> str:
+    """The name of a Warp device.
+
+    Raises:
+        InputError: There is no such device here.
+    """
+    try:
+        return wp.get_device(device).alias
+    except (RuntimeError, ValueError):
+        known = ", ".join(d.alias for d in wp.get_devices())
+        raise InputError(f"--device {device}: no such device; accepted here: {known}") from None
 
 
 @dataclass(frozen=True)

@@ -70,9 +70,9 @@ class Simulation:
         finally:
             self.seconds[group] = self.seconds.get(group, 0.0) + time.perf_counter() - begin
 
-    def output(self, name: str) -> Stage | None:
-        """The output stage of a name, or None where the scene does not ask for it."""
-        return next((stage for stage in self.plan.groups["output"] if stage.name == name), None)
+    def stage(self, name: str) -> Stage | None:
+        """The stage of a name, or None where the scene does not ask for it."""
+        return next((stage for stage in self.plan.stages if stage.name == name), None)
 
     def plant_time(self, frame: int) -> float:
         """Plant time of a frame [s]."""
@@ -87,8 +87,8 @@ class Simulation:
     def read_frame(self, index: int) -> Frame:
         """The present state as frame ``index`` (0: the rest pose)."""
         with self._timed("frame"):
-            frame = self.output("frame").read(index, self.plant_time(max(index, 1)))
-            display_color = self.output("display_color")
+            frame = self.stage("frame").read(index, self.plant_time(max(index, 1)))
+            display_color = self.stage("display_color")
             return frame if display_color is None else display_color.color(frame)
 
     def advance(self, frame: int) -> None:

@@ -1,0 +1,68 @@
+"""The dihedral angle of two triangles that share an edge, and its gradient.
+
+A hinge is four vertices: the edge ``a -> b`` in the direction that it has in its first triangle ``(a, b,
+c)``, and ``d``, opposite in the second triangle ``(b, a, d)``. With ``e = b - a`` and the triangles' area
+normals ``n1 = e x (c - a)``, ``n2 = (d - a) x e``,
+
+    theta = atan2(|e| (c - a).n2, n1.n2),        in (-pi, pi], 0 where flat, continuous through flat,
+
+positive where ``c`` and ``d`` are folded toward the normals. Its gradient (Bridson et al. 2003; Grinspun et
+al. 2003) is ``g_c = |e| n1 / |n1|^2``, ``g_d = |e| n2 / |n2|^2`` on the opposite vertices, and on the edge's
+own vertices what keeps linear and angular momentum: with ``s`` and ``t`` the feet of ``c`` and ``d`` on the
+edge, as shares from a,
+
+    g_b = -(s g_c + t g_d),                      g_a = -(g_c + g_d) - g_b.
+"""
+
+from typing import Any
+
+import warp as wp
+
+
+@wp.func
+def dihedral(a: Any, b: Any, c: Any, d: Any):
+    """Angle, gradients at ``c`` and ``d``, and the feet of ``c`` and ``d`` on the edge as shares from ``a``.
+
+    As a triangle collapses onto the edge its gradient grows without bound. Below a height of 1 % of the edge
+    both gradients fade to zero instead, by the same factor, so that momentum is still conserved.
+    """
+    edge = b - a
+    side_c = c - a
+    side_d = d - a
+    normal_c = wp.cross(edge, side_c)
+    normal_d = wp.cross(side_d, edge)
+    square = wp.dot(edge, edge)
+    square_c = wp.dot(normal_c, normal_c)
+    square_d = wp.dot(normal_d, normal_d)
+    length = wp.sqrt(square)
+    angle = wp.atan2(length * wp.dot(side_c, normal_d), wp.dot(normal_c, normal_d))
+    floor = type(square)(1.0e-4) * square * square + type(square)(1.0e-30)
+    inverse_c = type(square)(1.0) / wp.max(square_c, floor)
+    inverse_d = type(square)(1.0) / wp.max(square_d, floor)
+    gradient_c = normal_c * (length * inverse_c * square_d * inverse_d)
+    gradient_d = normal_d * (length * inverse_d * square_c * inverse_c)
+    inverse_square = type(square)(1.0) / wp.max(square, type(square)(1.0e-30))
+    foot_c = wp.dot(side_c, edge) * inverse_square
+    foot_d = wp.dot(side_d, edge) * inverse_square
+    return angle, gradient_c, gradient_d, foot_c, foot_d
+
+
+@wp.func
+def continued(angle: Any, before: Any):
+    """The angle that equals ``angle`` up to whole turns and is nearest to ``before``.
+
+    A fold that passes +-pi is so pulled back the way it came, instead of being thrown on round by a jump of 2
+    pi.
+    """
+    turn = type(angle)(6.283185307179586)
+    change = angle - before
+    if type(angle)(2.0) * wp.abs(change) > turn:
+        return angle - turn * wp.round(change / turn)
+    return angle
+
+
+@wp.func
+def reachable(rest_angle: Any):
+    """A rest angle within +-pi: two triangles that lie on each other cannot close any further."""
+    half_turn = type(rest_angle)(3.141592653589793)
+    return wp.clamp(rest_angle, -half_turn, half_turn)

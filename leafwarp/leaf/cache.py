@@ -1,0 +1,65 @@
+"""Prepared leaves on disk, found again by the content of everything that they were made from."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+from pathlib import Path
+
+import numpy as np
+
+from .leaf import Leaf, LeafMesh, MapFrame
+
+_MESH_ARRAYS = ("positions", "triangles", "edges", "hinges", "edge_areas", "vertex_areas")
+
+
+def content_key(arguments: object, files: list[bytes]) -> str:
+    """Hexadecimal key of some arguments (by their repr), some files' bytes and the source of this package."""
+    digest = hashlib.blake2b(digest_size=16)
+    sources = [source.read_bytes() for source in sorted(Path(__file__).parent.glob("*.py"))]
+    for part in (repr(arguments).encode(), *files, *sources):
+        digest.update(len(part).to_bytes(8, "little"))
+        digest.update(part)
+    return digest.hexdigest()
+
+
+def load_leaf(path: Path) -> Leaf | None:
+    """The leaf stored in a file, or None where there is none or the file is damaged."""
+    try:
+        with np.load(path, allow_pickle=False) as stored:
+            mesh = LeafMesh(**{name: stored[name] for name in _MESH_ARRAYS})
+            origin, size = stored["frame"].tolist()
+            maps = {name.removeprefix("map_"): stored[name] for name in stored.files if name.startswith("map_")}
+            return Leaf(
+                mesh=mesh,
+                frame=MapFrame(tuple(origin), tuple(size)),
+                length=float(stored["length"]),
+                texture=stored["texture"],
+                mask=stored["mask"] if "mask" in stored.files else None,
+                maps=maps,
+            )
+    except Exception:  # a damaged archive fails in many ways, each with its own type; the leaf is then made anew
+        return None
+
+
+def store_leaf(path: Path, leaf: Leaf) -> None:
+    """Write a leaf by temporary file and rename, so that a reader never meets half of it.
+
+    A folder that cannot be written is no error: the leaf is then made anew next time.
+    """
+    arrays = {name: getattr(leaf.mesh, name) for name in _MESH_ARRAYS}
+    arrays |= {f"map_{name}": values for name, values in leaf.maps.items()}
+    arrays |= {"frame": np.array([leaf.frame.origin, leaf.frame.size]), "length": np.array(leaf.length)}
+    arrays["texture"] = leaf.texture
+    if leaf.mask is not None:
+        arrays["mask"] = leaf.mask
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with open(temporary, "wb") as stream:
+            np.savez(stream, **arrays)
+        os.replace(temporary, path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            temporary.unlink(missing_ok=True)

@@ -1,0 +1,104 @@
+"""The fluid as the frame loop sees it: advance to a moment of plant time, and account for the water."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from leafwarp.errors import SimulationError
+from leafwarp.leaf.leaf import Leaf
+from leafwarp.scene import Scene
+from leafwarp.sim.fluid.steps import FluidSteps, NotConverged
+from leafwarp.sim.fluid.water import Water
+from leafwarp.sim.launch import State
+from leafwarp.sim.stage import Stage
+
+
+@dataclass(frozen=True)
+class WaterLedger:
+    """Where the water went, in contents of the saturated leaf (so the mean of y over the leaf).
+
+    Attributes:
+        start: Content at the start.
+        added: What the source has added since.
+        transpired: What has transpired since.
+        now: Content after the last fluid step.
+    """
+
+    start: float
+    added: float
+    transpired: float
+    now: float
+
+    @property
+    def error(self) -> float:
+        """What is missing: rounding, if all is well."""
+        return self.start + self.added - self.transpired - self.now
+
+
+class Fluid:
+    """Runs the fluid's steps as plant time goes on.
+
+    The steps are a division of the scene's duration that knows nothing of the frames, so that any number of
+    frames sees the same history; a frame between two steps sees their linear blend in ``water_now``.
+
+    Args:
+        scene: With [fluid].
+        leaf: The leaf.
+        state: Holds the arrays of the stages.
+        stages: The bound stages of the fluid, in the order in which they run.
+    """
+
+    def __init__(self, scene: Scene, leaf: Leaf, state: State, stages: Sequence[Stage]):
+        self.steps = FluidSteps.of(scene)
+        self.steps_done = 0
+        self._state = state
+        self._cell_count = max(1, int(leaf.mask.sum()))
+        self._water = next(stage for stage in stages if isinstance(stage, Water))
+        self._stages = [stage for stage in stages if stage.rate == "fluid step"]
+        self._start = self._content()
+
+    def advance(self, plant_time: float, frame: int = 0) -> int:
+        """Run the whole steps that plant time needs, and set ``water_now`` to that moment.
+
+        Args:
+            plant_time: Plant time since the start [s], never less than before; held to the scene's duration.
+            frame: Number of the frame, for the message of an error.
+
+        Returns:
+            Number of fluid steps run.
+
+        Raises:
+            SimulationError: A stage failed.
+        """
+        begun, share = self.steps.locate(plant_time)
+        count = max(0, begun - self.steps_done)
+        for index in range(self.steps_done, begun):
+            if index == begun - 1 and share < 1.0:
+                self._water.keep()
+            self._step(index, frame)
+        self._water.blend(share)
+        return count
+
+    def _step(self, index: int, frame: int) -> None:
+        interval = self.steps.interval(index)
+        for stage in self._stages:
+            try:
+                stage.run(interval)
+            except NotConverged as error:
+                raise SimulationError(frame, stage.name, str(error)) from None
+        self.steps_done = index + 1
+
+    def ledger(self) -> WaterLedger:
+        """The account of the water up to the last fluid step."""
+        return WaterLedger(
+            self._start, self._total("added_by_source"), self._total("transpired_by_row"), self._content()
+        )
+
+    def _total(self, name: str) -> float:
+        return float(self._state[name].numpy().sum()) / self._cell_count if name in self._state else 0.0
+
+    def _content(self) -> float:
+        return float(self._state["water"].numpy().sum(dtype=np.float64)) / self._cell_count

@@ -1,0 +1,295 @@
+"""The stages of the structure: what pushes the vertices, and what moves them."""
+
+from __future__ import annotations
+
+import numpy as np
+from leafwarp_kernels import (
+    angular_springs,
+    edge_springs,
+    external_forces,
+    hinge_gather,
+    integration,
+    paper_bending,
+)
+
+from leafwarp.leaf.leaf import Leaf
+from leafwarp.scene import Scene
+from leafwarp.sim import material
+from leafwarp.sim.adjacency import vertex_to_slots
+from leafwarp.sim.launch import ArraySpec, State
+from leafwarp.sim.stable_step import StableStep
+from leafwarp.sim.stage import Stage
+
+
+class EdgeSprings(Stage):
+    """Forces along the edges. The first of the force stages: it overwrites the force."""
+
+    name = "edge_springs"
+    purpose = "pull of the edges toward their rest lengths (Eq. 3)"
+    rate = "substep"
+    kernels = (edge_springs.edge_spring_forces,)
+    reads = ("position", "velocity")
+    writes = ("force",)
+
+    def __init__(self, scene: Scene, leaf: Leaf):
+        super().__init__(scene, leaf)
+        vertices, edges = leaf.mesh.vertex_count, leaf.mesh.edge_count
+        self.arrays = (
+            ArraySpec("force", (vertices,), "vector", "force on each vertex [N]"),
+            ArraySpec("edge_rest_length", (edges,), "real", "rest length of each edge spring [m]"),
+            ArraySpec("edge_stiffness", (edges,), "real", "stiffness of each edge spring [N/m]"),
+            ArraySpec("edge_vertices", (edges, 2), "int32", "vertices of each edge spring"),
+            ArraySpec("vertex_edge_start", (vertices + 1,), "int32", "where each vertex's edges start"),
+            ArraySpec("vertex_edges", (2 * edges,), "int32", "edges at each vertex"),
+            ArraySpec("vertex_neighbors", (2 * edges,), "int32", "vertex at the other end of each of them"),
+            ArraySpec("damping_time", (1,), "real", "damping of springs over their stiffness [s]"),
+        )
+
+    def bind(self, state: State) -> None:
+        mesh = self.leaf.mesh
+        start, places = vertex_to_slots(mesh.edges, mesh.vertex_count)
+        rest = material.edge_lengths(mesh, material.rest_positions(self.scene, self.leaf))
+        state.upload("edge_rest_length", rest)
+        state.upload("edge_stiffness", material.edge_stiffness(mesh, self.scene.structure.membrane_stiffness))
+        state.upload("edge_vertices", mesh.edges)
+        state.upload("vertex_edge_start", start)
+        state.upload("vertex_edges", places // 2)
+        state.upload("vertex_neighbors", mesh.edges[:, ::-1].ravel()[places])
+        self.commands = [
+            state.record(
+                edge_springs.edge_spring_forces,
+                mesh.vertex_count,
+                inputs=[
+                    "position",
+                    "velocity",
+                    "vertex_edge_start",
+                    "vertex_edges",
+                    "vertex_neighbors",
+                    "edge_rest_length",
+                    "edge_stiffness",
+                    "damping_time",
+                ],
+                outputs=["force"],
+            )
+        ]
+
+
+class _Hinges(Stage):
+    """What the two kinds of bending share: the hinges, the forces on their vertices, and the sum of these."""
+
+    rate = "substep"
+    reads = ("position", "velocity", "force", "damping_time")
+    writes = ("force", "hinge_angle")
+
+    def __init__(self, scene: Scene, leaf: Leaf):
+        super().__init__(scene, leaf)
+        vertices, hinges = leaf.mesh.vertex_count, leaf.mesh.hinge_count
+        if hinges == 0:  # A single triangle bends nowhere, and Warp records no launch of nothing.
+            self.kernels = ()
+        self.arrays = (
+            ArraySpec("hinge_rest_angle", (hinges,), "real", "rest angle of each angular spring [rad]"),
+            ArraySpec("hinge_stiffness", (hinges,), "real", "stiffness of each angular spring [N m/rad]"),
+            ArraySpec(
+                "hinge_angle", (hinges,), "real", "angle of each angular spring, continued in time [rad]"
+            ),
+            ArraySpec(
+                "hinge_vertices", (hinges, 4), "int32", "vertices of each hinge: edge a, b, opposite c, d"
+            ),
+            ArraySpec("hinge_force", (4 * hinges,), "vector", "force of each hinge on its four vertices [N]"),
+            ArraySpec(
+                "vertex_hinge_start", (vertices + 1,), "int32", "where each vertex's hinge forces start"
+            ),
+            ArraySpec("vertex_hinge_slots", (4 * hinges,), "int32", "places of the forces on each vertex"),
+        )
+
+    def bind(self, state: State) -> None:
+        mesh = self.leaf.mesh
+        start, places = vertex_to_slots(mesh.hinges, mesh.vertex_count)
+        rest = material.dihedral_angles(mesh, material.rest_positions(self.scene, self.leaf))
+        state.upload("hinge_rest_angle", rest)
+        state.upload("hinge_angle", rest)
+        state.upload(
+            "hinge_stiffness", material.hinge_stiffness(mesh, self.scene.structure.bending_stiffness or 0.0)
+        )
+        state.upload("hinge_vertices", mesh.hinges)
+        state.upload("vertex_hinge_start", start)
+        state.upload("vertex_hinge_slots", places)
+        if not self.kernels:
+            return
+        self.commands = [
+            state.record(
+                self.kernels[0],
+                mesh.hinge_count,
+                inputs=[
+                    "position",
+                    "velocity",
+                    "hinge_vertices",
+                    *self._own(),
+                    "hinge_rest_angle",
+                    "hinge_stiffness",
+                    "damping_time",
+                ],
+                outputs=["hinge_angle", "hinge_force"],
+            ),
+            state.record(
+                hinge_gather.gather_hinge_forces,
+                mesh.vertex_count,
+                inputs=["vertex_hinge_start", "vertex_hinge_slots", "hinge_force"],
+                outputs=["force"],
+            ),
+        ]
+
+    def _own(self) -> tuple[str, ...]:
+        """Inputs that only this kind of bending has."""
+        return ()
+
+
+class AngularSprings(_Hinges):
+    """Bending by the gradient of the angular springs' energy; conserves momentum."""
+
+    name = "angular_springs"
+    purpose = "bending of the hinges toward their rest angles (Alg. 1 and 2, energy gradient)"
+    kernels = (angular_springs.angular_spring_forces, hinge_gather.gather_hinge_forces)
+
+
+class PaperBending(_Hinges):
+    """Bending as the paper prints it; loses angular momentum, and says how much."""
+
+    name = "paper_bending"
+    purpose = "the paper's push on the two opposite vertices (Eq. 4), with the edge's reaction"
+    kernels = (paper_bending.paper_bending_forces, hinge_gather.gather_hinge_forces)
+
+    def __init__(self, scene: Scene, leaf: Leaf):
+        super().__init__(scene, leaf)
+        hinges = leaf.mesh.hinge_count
+        self.arrays += (
+            ArraySpec("hinge_arm", (hinges,), "real", "mean height of each hinge's triangles at rest [m]"),
+            ArraySpec("hinge_torque", (hinges,), "vector", "torque that each hinge leaves unbalanced [N m]"),
+        )
+
+    def bind(self, state: State) -> None:
+        # The span is a third of the two heights together.
+        state.upload("hinge_arm", 1.5 * material.hinge_span(self.leaf.mesh))
+        super().bind(state)
+        self._state = state
+        if not self.kernels:
+            return
+        self._diagnosis = state.record(
+            hinge_gather.hinge_torque,
+            self.leaf.mesh.hinge_count,
+            inputs=["position", "hinge_vertices", "hinge_force"],
+            outputs=["hinge_torque"],
+        )
+
+    def _own(self) -> tuple[str, ...]:
+        return ("hinge_arm",)
+
+    def net_torque(self) -> np.ndarray:
+        """Torque that the last forces leave unbalanced: the leaf's angular momentum changes by it a second [N
+        m]."""
+        if self.kernels:
+            self._diagnosis.run()
+        return self._state["hinge_torque"].numpy().astype(np.float64).sum(axis=0)
+
+
+class Gravity(Stage):
+    """Weight."""
+
+    name = "gravity"
+    purpose = "weight of the vertices"
+    rate = "substep"
+    kernels = (external_forces.add_gravity,)
+    reads = ("mass", "force")
+    writes = ("force",)
+
+    def bind(self, state: State) -> None:
+        gravity = state.vector(*self.scene.motion.gravity)
+        self.commands = [
+            state.record(
+                self.kernels[0], self.leaf.mesh.vertex_count, inputs=["mass", gravity], outputs=["force"]
+            )
+        ]
+
+
+class Air(Stage):
+    """Drag of air that stands still or blows."""
+
+    name = "air"
+    purpose = "drag toward the speed of the air"
+    rate = "substep"
+    kernels = (external_forces.add_air_drag,)
+    reads = ("velocity", "mass", "force")
+    writes = ("force",)
+
+    def bind(self, state: State) -> None:
+        wind = state.vector(*(self.scene.motion.wind or (0.0, 0.0, 0.0)))
+        drag = state.real(self.scene.motion.drag)
+        self.commands = [
+            state.record(
+                self.kernels[0],
+                self.leaf.mesh.vertex_count,
+                inputs=["velocity", "mass", wind, drag],
+                outputs=["force"],
+            )
+        ]
+
+
+class Integration(Stage):
+    """Newton's second law. The last stage of a substep."""
+
+    name = "integration"
+    purpose = "speed and position of the vertices (symplectic Euler)"
+    rate = "substep"
+    kernels = (integration.integrate,)
+    reads = ("force",)
+    writes = ("position", "velocity")
+
+    def __init__(self, scene: Scene, leaf: Leaf):
+        super().__init__(scene, leaf)
+        vertices = leaf.mesh.vertex_count
+        self.arrays = (
+            ArraySpec("position", (vertices,), "vector", "vertex positions [m]"),
+            ArraySpec("velocity", (vertices,), "vector", "vertex velocities [m/s]"),
+            ArraySpec("mass", (vertices,), "real", "vertex masses [kg]"),
+            ArraySpec("pinned", (vertices,), "bool", "vertices that are held"),
+            ArraySpec("time_step", (1,), "real", "length of a substep [s]"),
+        )
+
+    def bind(self, state: State) -> None:
+        structure = self.scene.structure
+        state.upload("position", material.rest_positions(self.scene, self.leaf))
+        state.upload(
+            "mass",
+            material.vertex_mass(
+                self.leaf.mesh, structure.dry_mass, structure.water_mass, self._starting_water()
+            ),
+        )
+        state.upload("pinned", material.pinned_vertices(self.leaf, self.scene.motion))
+        self.commands = [
+            state.record(
+                self.kernels[0],
+                self.leaf.mesh.vertex_count,
+                inputs=["force", "mass", "pinned", "time_step"],
+                outputs=["position", "velocity"],
+            )
+        ]
+
+    def _starting_water(self) -> float:
+        """Relative water content where the scene prescribes one; a leaf whose water flows starts out
+        saturated, until its water is first sampled."""
+        return 1.0 if self.scene.water is None else self.scene.water.curve[0][1]
+
+
+def structure_stages(scene: Scene, leaf: Leaf) -> list[Stage]:
+    """The stages of the motion that a scene requires: the choice of the step, then those of a substep in
+    their order."""
+    stages: list[Stage] = [StableStep(scene, leaf), EdgeSprings(scene, leaf)]
+    if scene.has_angular_springs:
+        bending = PaperBending if scene.structure.bending == "paper" else AngularSprings
+        stages.append(bending(scene, leaf))
+    if scene.motion.gravity is not None:
+        stages.append(Gravity(scene, leaf))
+    if scene.motion.drag > 0.0:
+        stages.append(Air(scene, leaf))
+    stages.append(Integration(scene, leaf))
+    return stages

@@ -1,0 +1,143 @@
+"""What the mass-spring mesh is made of: spring constants, masses, the rest shape and the pins, in NumPy
+float64."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from leafwarp.leaf.leaf import Leaf, LeafMesh
+from leafwarp.scene import MotionTable, Scene
+
+PIN_RADIUS = 0.03  # of the leaf's length
+
+
+def edge_stiffness(mesh: LeafMesh, membrane_stiffness: float) -> np.ndarray:
+    """Stiffness of each edge spring [N/m], shape [edge_count].
+
+    ``k = E h (sum of the adjacent triangles' areas) / |e|^2`` (Van Gelder 1998). On an equilateral mesh the
+    sheet then has the membrane stiffness ``E h = 2 k / sqrt(3)`` and the Poisson ratio 1/3.
+
+    Args:
+        mesh: The flat mesh.
+        membrane_stiffness: Young's modulus times thickness, ``E h`` [N/m].
+    """
+    return membrane_stiffness * mesh.edge_areas / _squared_lengths(mesh, mesh.edges)
+
+
+def hinge_stiffness(mesh: LeafMesh, bending_stiffness: float) -> np.ndarray:
+    """Stiffness of each angular spring [N m/rad], shape [hinge_count]: ``k = D |e|^2 / (A1 + A2)``.
+
+    Args:
+        mesh: The flat mesh.
+        bending_stiffness: ``D = E h^3 / (12 (1 - nu^2))`` of the sheet [N m]. The hinges stand for a sheet
+            whose bending Poisson ratio is -1/3: a narrow strip bends with about 0.95 D.
+    """
+    return bending_stiffness * _squared_lengths(mesh, mesh.hinges[:, :2]) / _hinge_areas(mesh)
+
+
+def hinge_span(mesh: LeafMesh) -> np.ndarray:
+    """Distance between the centroids of each hinge's two triangles, measured across its edge [m], shape
+    [hinge_count].
+
+    A sheet of natural curvature ``kappa`` has the rest angles ``kappa * span``, whatever the mesh.
+    """
+    return 2.0 * _hinge_areas(mesh) / (3.0 * np.sqrt(_squared_lengths(mesh, mesh.hinges[:, :2])))
+
+
+def vertex_mass(
+    mesh: LeafMesh, dry_mass: float, water_mass: float, water: float | np.ndarray = 1.0
+) -> np.ndarray:
+    """Mass of each vertex [kg], shape [vertex_count]: ``(dry mass + water mass * y) * vertex area``.
+
+    Args:
+        mesh: The flat mesh.
+        dry_mass: Mass of the dry leaf [kg/m^2].
+        water_mass: Mass of the water of the saturated leaf [kg/m^2].
+        water: Relative water content, one for all or shape [vertex_count].
+    """
+    return (dry_mass + water_mass * np.asarray(water, dtype=np.float64)) * mesh.vertex_areas
+
+
+def cambered_positions(leaf: Leaf, camber: float, seed: int) -> np.ndarray:
+    """Rest positions [m], shape [vertex_count, 3]: the flat mesh lifted by a smooth, small imperfection.
+
+    A leaf that shrinks in its plane is in equilibrium however much it wants to buckle; the camber decides
+    which way it goes. It is a shallow bowl toward the photographed side, warped by a seeded saddle and a
+    seeded cubic wave:
+
+        z / (camber L) = r^2 / 2 + a r^2 cos(2 phi - alpha) / 4 + b r^3 cos(3 phi - beta) / 4,      |a|, |b|
+        <= 1,
+
+    with the polar coordinates ``r`` (in lengths ``L`` of the leaf, so at most 1) and ``phi`` about the
+    petiole base. It depends on the place on the leaf alone, not on the mesh, is flat at the base, and is
+    nowhere higher than ``camber * L``.
+
+    Args:
+        leaf: The leaf; the petiole base is the origin.
+        camber: Height as a share of the leaf's length.
+        seed: Chooses the saddle and the wave.
+    """
+    random = np.random.default_rng(seed)
+    saddle, wave = random.uniform(-1.0, 1.0, size=2)
+    saddle_turn, wave_turn = random.uniform(0.0, 2.0 * np.pi, size=2)
+    point = (leaf.mesh.positions[:, 0] + 1j * leaf.mesh.positions[:, 1]) / leaf.length
+    height = 0.5 * np.abs(point) ** 2
+    height += 0.25 * saddle * (point**2 * np.exp(-1j * saddle_turn)).real
+    height += 0.25 * wave * (point**3 * np.exp(-1j * wave_turn)).real
+    return np.column_stack((leaf.mesh.positions, camber * leaf.length * height))
+
+
+def rest_positions(scene: Scene, leaf: Leaf) -> np.ndarray:
+    """The unstressed shape that a scene asks for, the photo's with its camber [m], shape [vertex_count,
+    3]."""
+    return cambered_positions(leaf, scene.leaf.camber, scene.leaf.seed)
+
+
+def edge_lengths(mesh: LeafMesh, positions: np.ndarray) -> np.ndarray:
+    """Length of each edge [m], shape [edge_count], at positions [m], shape [vertex_count, 3]."""
+    ends = positions[mesh.edges]
+    return np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+
+
+def dihedral_angles(mesh: LeafMesh, positions: np.ndarray) -> np.ndarray:
+    """Signed angle of each hinge [rad], in (-pi, pi], 0 where flat, positive where folded toward the
+    photographed side.
+
+    Args:
+        mesh: The mesh.
+        positions: Vertex positions [m], shape [vertex_count, 3].
+    """
+    a, b, c, d = np.moveaxis(positions[mesh.hinges], 1, 0)
+    edge = b - a
+    first, second = np.cross(edge, c - a), np.cross(d - a, edge)
+    sine = np.linalg.norm(edge, axis=1) * np.einsum("ij,ij->i", c - a, second)
+    return np.arctan2(sine, np.einsum("ij,ij->i", first, second))
+
+
+def pinned_vertices(leaf: Leaf, motion: MotionTable) -> np.ndarray:
+    """Which vertices are held, shape [vertex_count], bool.
+
+    Those within ``pin_radius`` of the petiole base, the nearest one at least. With ``clamp`` also every
+    vertex of a triangle that touches them, so that the direction is held, too.
+    """
+    distance = np.hypot(*leaf.mesh.positions.T)
+    radius = PIN_RADIUS * leaf.length if motion.pin_radius is None else motion.pin_radius
+    pinned = distance <= radius
+    pinned[np.argmin(distance)] = True
+    if motion.clamp:
+        first_row = leaf.mesh.triangles[pinned[leaf.mesh.triangles].any(axis=1)]
+        pinned[first_row.ravel()] = True
+    return pinned
+
+
+def _squared_lengths(mesh: LeafMesh, edges: np.ndarray) -> np.ndarray:
+    along = mesh.positions[edges[:, 1]] - mesh.positions[edges[:, 0]]
+    return np.einsum("ij,ij->i", along, along)
+
+
+def _hinge_areas(mesh: LeafMesh) -> np.ndarray:
+    """Sum of the areas of each hinge's two triangles [m^2]."""
+    a, b, c, d = np.moveaxis(mesh.positions[mesh.hinges], 1, 0)
+    edge = b - a
+    across = c - d
+    return 0.5 * np.abs(edge[:, 0] * across[:, 1] - edge[:, 1] * across[:, 0])

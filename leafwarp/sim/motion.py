@@ -1,0 +1,252 @@
+"""The motion of the leaf: how many substeps a frame takes, running them, and never letting a blow-up
+through."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import warp as wp
+
+from leafwarp.errors import SimulationError
+from leafwarp.leaf.leaf import Leaf
+from leafwarp.scene import Scene
+from leafwarp.sim.forces import PaperBending
+from leafwarp.sim.launch import State
+from leafwarp.sim.stable_step import StableStep, step_limit
+from leafwarp.sim.stage import Stage
+
+# Share of the stable step that is used: what is left covers a frame's change of geometry.
+SAFETY = 0.9
+# Substeps in one captured graph at most: replaying one costs next to nothing, recording it some milliseconds.
+BLOCK = 64
+# A leaf swings about its base within twice its length. A vertex that goes further than this many lengths in
+# one frame has been thrown.
+FARTHEST_TRAVEL = 4.0
+# Settling: substeps between two looks at the kinetic energy, and at most in all.
+SETTLING_BLOCK = 32
+SETTLING_SUBSTEPS = 2**17
+STANDARD_GRAVITY = 9.80665  # [m/s^2]
+
+
+@dataclass(frozen=True)
+class Settled:
+    """How well a leaf came to rest.
+
+    Attributes:
+        residual: Largest force left on a free vertex, over the mean weight of a vertex.
+        swing: How far it would still swing, as a share of its length.
+        substeps: Substeps that it took.
+        settled: Whether the swing is as small as was asked.
+    """
+
+    residual: float
+    swing: float
+    substeps: int
+    settled: bool
+
+
+class Motion:
+    """Moves the structure from frame to frame.
+
+    The substeps of a frame are the next power of two that makes them safe; they are decided between frames
+    from the stiffness and masses of the moment. After the frame its step is checked against the new geometry.
+    If it was too long, or a vertex is not finite or has been thrown, the frame is redone with twice the
+    substeps.
+
+    Args:
+        scene: The scene.
+        leaf: The leaf.
+        state: The state that all stages are bound to.
+        stages: The stages; those of the rate "substep" are run in the order given, and the
+            :class:`~leafwarp.sim.stable_step.StableStep` among them is run by this object alone.
+
+    Attributes:
+        substeps: Substeps of all frames so far, those of frames that were redone included.
+        largest_substeps: Most substeps of a frame so far.
+        retries: How often a frame was redone.
+        unbalanced_torque: Largest torque at the end of a frame that the paper's bending left unbalanced [N
+            m]; None where the scene does not bend that way.
+    """
+
+    def __init__(self, scene: Scene, leaf: Leaf, state: State, stages: Sequence[Stage]):
+        self._state = state
+        self._length = leaf.length
+        self._drag = scene.motion.drag
+        self._damping = scene.structure.damping
+        self._maximum = scene.solver.maximum_substeps
+        self._stages = [stage for stage in stages if stage.rate == "substep"]
+        self._guard = next(stage for stage in stages if isinstance(stage, StableStep))
+        self._paper = next((stage for stage in stages if isinstance(stage, PaperBending)), None)
+        self._graphs: dict[int, tuple[wp.Graph, int]] = {}
+        self.substeps = 0
+        self.largest_substeps = 0
+        self.retries = 0
+        self.unbalanced_torque = None if self._paper is None else 0.0
+        self.start()
+
+    def start(self) -> None:
+        """Fix the damping from the stiffness and masses of the moment.
+
+        The damping time of the springs is ``tau = 2 zeta / omega`` with the scene's damping ratio ``zeta``
+        and the bound ``omega`` of the mesh's fastest oscillation. Call it again once stiffness and mass have
+        their values of the first frame.
+        """
+        frequency = math.sqrt(self._guard.largest_squared_frequency())
+        self._damping_time = 2.0 * self._damping / frequency if frequency > 0.0 else 0.0
+        self._state.upload("damping_time", np.array([self._damping_time]))
+
+    def required_substeps(self, frame_duration: float) -> int | float:
+        """Substeps that a frame needs now: a power of two, or infinite where no step is safe.
+
+        Args:
+            frame_duration: Playback time of the frame [s].
+        """
+        limit = SAFETY * self._limit()
+        least = frame_duration / limit if limit > 0.0 else math.inf
+        if not math.isfinite(least):
+            return math.inf
+        return 2 ** math.ceil(math.log2(max(least, 1.0)))
+
+    def advance(self, frame_duration: float, frame: int) -> int:
+        """Move the leaf by one frame.
+
+        Args:
+            frame_duration: Playback time of the frame [s].
+            frame: Its number, for messages.
+
+        Returns:
+            The substeps that the frame took at last.
+
+        Raises:
+            SimulationError: The frame needs more substeps than the scene allows, or goes wrong even with the
+                most. The state is that of the frame's start.
+        """
+        needed = self.required_substeps(frame_duration)
+        if needed > self._maximum:
+            raise SimulationError(frame, "motion", self._refusal(needed))
+        used = self._advance_checked(frame_duration, needed, self._maximum, frame)
+        self.largest_substeps = max(self.largest_substeps, used)
+        if self._paper is not None:
+            torque = float(np.linalg.norm(self._paper.net_torque()))
+            self.unbalanced_torque = max(self.unbalanced_torque, torque)
+        return used
+
+    def settle(self, tolerance: float = 1e-3) -> Settled:
+        """Let the leaf come to rest under the forces of the moment; its velocities are zero afterwards.
+
+        Dynamic relaxation with the same forces and steps as the motion: whenever the kinetic energy has
+        passed a peak the leaf is stopped, near the bottom of the swing (Cundall 1976). It has come to rest
+        when it is let go and, for a quarter of the period of a pendulum of its length, its kinetic energy
+        does not reach that of a pendulum that swings by ``tolerance`` of its length. (Forces say less:
+        rounding of the positions alone leaves a good part of a vertex's weight on it, back and forth from
+        vertex to vertex.)
+
+        Args:
+            tolerance: Swing that counts as rest, as a share of the leaf's length.
+
+        Raises:
+            SimulationError: As :meth:`advance`, with frame 0.
+        """
+        velocity = self._state["velocity"]
+        mass = self._state["mass"].numpy().astype(np.float64)
+        pendulum = mass.sum() * STANDARD_GRAVITY * self._length
+        quarter = 0.5 * math.pi * math.sqrt(self._length / STANDARD_GRAVITY)
+        most = max(SETTLING_BLOCK, self._maximum)
+        substeps, before, calm, swing = 0, 0.0, 0.0, 0.0
+        velocity.zero_()
+        while calm < quarter and substeps < SETTLING_SUBSTEPS:
+            limit = SAFETY * self._limit()
+            if not limit > 0.0:
+                raise SimulationError(0, "settling", self._refusal(math.inf))
+            duration = min(SETTLING_BLOCK * limit, 0.1 * quarter)
+            substeps += self._advance_checked(duration, SETTLING_BLOCK, most, 0)
+            energy = float(mass @ np.square(velocity.numpy().astype(np.float64)).sum(axis=1))
+            now = math.sqrt(energy / pendulum)
+            if now <= tolerance:
+                swing = max(swing, now) if calm > 0.0 else now
+                calm += duration
+            else:
+                calm, swing = 0.0, now
+                if energy < before:
+                    velocity.zero_()
+                    energy = 0.0
+            before = energy
+        velocity.zero_()
+        return Settled(self._residual(), swing, substeps, calm >= quarter)
+
+    def _limit(self) -> float:
+        return step_limit(self._guard.largest_squared_frequency(), self._damping_time, self._drag)
+
+    def _advance_checked(self, duration: float, substeps: int, most: int, frame: int) -> int:
+        """Run a span of playback time, redone with twice the substeps until nothing is wrong with it."""
+        self._guard.save()
+        while True:
+            self._run_substeps(substeps, duration / substeps)
+            problem = self._problem(duration / substeps)
+            if problem is None:
+                return substeps
+            self._guard.restore()
+            if 2 * substeps > most:
+                reason = f"{problem} with {substeps} substeps, and no more than {most} are allowed; "
+                raise SimulationError(frame, "motion", reason + self._remedy())
+            substeps *= 2
+            self.retries += 1
+
+    def _run_substeps(self, count: int, step: float) -> None:
+        """Run a power of two of substeps."""
+        self._state.upload("time_step", np.array([step]))
+        block = min(count, BLOCK)
+        graph, launches = self._block(block)
+        for _ in range(count // block):
+            wp.capture_launch(graph)
+        self._state.launch_count += launches * (count // block)
+        self.substeps += count
+
+    def _block(self, count: int) -> tuple[wp.Graph, int]:
+        """The graph of this many substeps, and its launches; captured when first asked for."""
+        if count not in self._graphs:
+            before = self._state.launch_count
+            with wp.ScopedCapture(device=self._state.device) as capture:
+                for _ in range(count):
+                    for stage in self._stages:
+                        stage.run()
+            self._graphs[count] = capture.graph, self._state.launch_count - before
+            self._state.launch_count = before
+        return self._graphs[count]
+
+    def _problem(self, step: float) -> str | None:
+        """What is wrong with the span that was just run."""
+        travel = self._guard.largest_travel()
+        if not math.isfinite(travel):
+            return "a position or a speed is not a finite number"
+        if travel > FARTHEST_TRAVEL * self._length:
+            return f"a vertex moved {travel:.3g} m, on a leaf of {self._length:.3g} m,"
+        if not step <= self._limit():
+            return f"the step of {step:.3g} s became too long for the deformed mesh"
+        return None
+
+    def _residual(self) -> float:
+        """Largest force on a free vertex at rest where it is, over the mean weight of a vertex."""
+        for stage in self._stages[:-1]:
+            stage.run()
+        force = np.linalg.norm(self._state["force"].numpy().astype(np.float64), axis=1)
+        weight = STANDARD_GRAVITY * self._state["mass"].numpy().astype(np.float64).mean()
+        return float(np.max(force, initial=0.0, where=~self._state["pinned"].numpy()) / weight)
+
+    def _refusal(self, needed: float) -> str:
+        if not math.isfinite(needed):
+            return "no step is short enough for the stiffness and masses of this scene; " + self._remedy()
+        found = f"needs {needed:.0f} substeps, more than solver.maximum_substeps = {self._maximum}; "
+        return found + self._remedy()
+
+    def _remedy(self) -> str:
+        squared_frequency = self._guard.largest_squared_frequency()
+        if self._drag > self._damping_time * squared_frequency + 2.0 * math.sqrt(max(squared_frequency, 0.0)):
+            return "lower motion.drag, or raise time.fps"
+        return (
+            "lower structure.membrane_stiffness (explicit motion wants 2 to 20 N/m) or bending_stiffness, "
+            "or raise time.fps or solver.maximum_substeps"
+        )

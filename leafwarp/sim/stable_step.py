@@ -1,0 +1,171 @@
+"""The longest safe step of the motion, and the way back from a frame that went wrong."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import warp as wp
+from leafwarp_kernels import stable_step
+
+from leafwarp.leaf.leaf import Leaf
+from leafwarp.scene import Scene
+from leafwarp.sim.launch import ArraySpec, Command, State
+from leafwarp.sim.stage import Interval, Stage
+
+_EDGE_INPUTS = [
+    "position",
+    "mass",
+    "pinned",
+    "vertex_edge_start",
+    "vertex_edges",
+    "vertex_neighbors",
+    "edge_rest_length",
+    "edge_stiffness",
+]
+
+
+def step_limit(squared_frequency: float, damping_time: float, drag: float) -> float:
+    """The step beyond which symplectic Euler with explicit damping is unstable [s].
+
+    A mode of frequency ``omega``, damped by ``c v`` with ``c = tau omega^2 + drag``, is stable as long as
+    ``omega^2 dt^2 + 2 c dt < 4``. Infinite where nothing limits it.
+
+    Args:
+        squared_frequency: Largest ``omega^2`` [1/s^2].
+        damping_time: Damping of springs over their stiffness ``tau`` [s].
+        drag: Damping that does not depend on the springs [1/s].
+    """
+    if math.isinf(squared_frequency):
+        return 0.0
+    damping = damping_time * squared_frequency + drag
+    rate = damping + math.sqrt(damping * damping + 4.0 * squared_frequency)
+    return 4.0 / rate if rate != 0.0 else math.inf
+
+
+class StableStep(Stage):
+    """Bound of the mesh's squared frequencies, from which the substeps follow; and the frame's start, to go
+    back to.
+
+    :class:`leafwarp.sim.motion.Motion` runs it before and after each frame.
+    """
+
+    name = "stable_step"
+    purpose = "bound of the mesh's frequencies, from which the substeps follow; check of each frame"
+    rate = "frame"
+    writes = ("position", "velocity")
+
+    def __init__(self, scene: Scene, leaf: Leaf):
+        super().__init__(scene, leaf)
+        self._hinged = scene.has_angular_springs and leaf.mesh.hinge_count > 0
+        vertices, hinges = leaf.mesh.vertex_count, leaf.mesh.hinge_count
+        self.kernels = (stable_step.edge_frequencies, stable_step.travel)
+        self.reads = (*_EDGE_INPUTS, "velocity")
+        self.arrays = (
+            ArraySpec(
+                "squared_frequency",
+                (vertices,),
+                "real",
+                "bound of the squared frequency at each vertex [1/s^2]",
+            ),
+            ArraySpec("travel", (vertices,), "real", "how far each vertex went in the frame [m]"),
+            ArraySpec("saved_position", (vertices,), "vector", "positions at the frame's start [m]"),
+            ArraySpec("saved_velocity", (vertices,), "vector", "velocities at the frame's start [m/s]"),
+        )
+        if self._hinged:
+            self.kernels = (
+                stable_step.hinge_bounds,
+                stable_step.edge_and_hinge_frequencies,
+                stable_step.travel,
+            )
+            self.reads += ("hinge_vertices", "hinge_angle", "hinge_rest_angle", "hinge_stiffness")
+            self.reads += ("vertex_hinge_start", "vertex_hinge_slots")
+            self.writes += ("hinge_angle",)
+            self.arrays += (
+                ArraySpec(
+                    "hinge_row",
+                    (4 * hinges,),
+                    "vector",
+                    "each hinge's share of its vertices' bounds [N/m]^1/2",
+                ),
+                ArraySpec(
+                    "hinge_tension", (4 * hinges,), "real", "the part of it that its bending makes [N/m]"
+                ),
+                ArraySpec("saved_hinge_angle", (hinges,), "real", "hinge angles at the frame's start [rad]"),
+            )
+
+    @property
+    def launches(self) -> int:
+        """Launches a frame that is not redone: the bound before and after it, and the check."""
+        return 2 * len(self.kernels) - 1
+
+    def bind(self, state: State) -> None:
+        self._state = state
+        vertices, hinges = self.leaf.mesh.vertex_count, self.leaf.mesh.hinge_count
+        if self._hinged:
+            self.commands = [
+                state.record(
+                    stable_step.hinge_bounds,
+                    hinges,
+                    inputs=[
+                        "position",
+                        "hinge_vertices",
+                        "hinge_angle",
+                        "hinge_rest_angle",
+                        "hinge_stiffness",
+                    ],
+                    outputs=["hinge_row", "hinge_tension"],
+                ),
+                state.record(
+                    stable_step.edge_and_hinge_frequencies,
+                    vertices,
+                    inputs=[
+                        *_EDGE_INPUTS,
+                        "vertex_hinge_start",
+                        "vertex_hinge_slots",
+                        "hinge_row",
+                        "hinge_tension",
+                    ],
+                    outputs=["squared_frequency"],
+                ),
+            ]
+        else:
+            self.commands = [
+                state.record(
+                    stable_step.edge_frequencies, vertices, inputs=_EDGE_INPUTS, outputs=["squared_frequency"]
+                )
+            ]
+        self._travel: Command = state.record(
+            stable_step.travel,
+            vertices,
+            inputs=["position", "velocity", "saved_position"],
+            outputs=["travel"],
+        )
+        names = ("position", "velocity", "hinge_angle") if self._hinged else ("position", "velocity")
+        self._saved = [(state[name], state[f"saved_{name}"]) for name in names]
+
+    def run(self, interval: Interval | None = None) -> None:
+        """Evaluate the bound at the present positions and stiffness."""
+        super().run(interval)
+
+    def largest_squared_frequency(self) -> float:
+        """Largest bound over all vertices [1/s^2], evaluated now; not a number where the mesh is not
+        finite."""
+        self.run()
+        return float(np.max(self._state["squared_frequency"].numpy()))
+
+    def largest_travel(self) -> float:
+        """Longest way of a vertex since :meth:`save` [m]; not finite where a position or a velocity is
+        not."""
+        self._travel.run()
+        return float(np.max(self._state["travel"].numpy()))
+
+    def save(self) -> None:
+        """Remember the positions, velocities and hinge angles."""
+        for array, saved in self._saved:
+            wp.copy(saved, array)
+
+    def restore(self) -> None:
+        """Go back to what was remembered."""
+        for array, saved in self._saved:
+            wp.copy(array, saved)

@@ -1,0 +1,1 @@
+"""Studies that run the public API many times."""

@@ -1,0 +1,237 @@
+"""The measured trade: seconds against error for map, fluid step, scheme and precision, on the user's own scene."""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import os
+import platform
+import sys
+import time
+from collections.abc import Sequence
+from dataclasses import asdict
+from importlib.metadata import version
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from leafwarp.errors import InputError, OutputError, SimulationError
+from leafwarp.leaf.leaf import Leaf
+from leafwarp.run import CACHE_FOLDER, check_device, prepare_scene_leaf, write_text
+from leafwarp.scene import Scene
+from leafwarp.study.costs import CostModel
+from leafwarp.study.metrics import largest_water_error, pareto_front, relative_water_error, shape_error
+from leafwarp.study.reference import fit_error_model, rank, unsplit_settings
+from leafwarp.study.table import Row, append_row, write_rows
+from leafwarp.study.trial import OutOfTime, Setting, Trial, film_seconds, run_trial, trial_scene
+
+# Cells across the longer direction of the map, and fluid steps as multiples of the scene's.
+MAPS = (128, 256, 512, 1024)
+STEP_FACTORS = (0.25, 1.0, 4.0, 16.0)
+SCHEMES = ("split", "unsplit")
+PRECISIONS = ("float32", "float64")
+
+DEFAULT_BUDGET = 600.0  # [s]
+# Shares of the budget.
+REFERENCE_SHARE = 0.4
+MOTION_SHARE = 0.3
+PROBE_SHARE = 0.1
+PILOT_SHARE = 0.003
+
+
+def run_tradeoff(
+    scene: Scene,
+    output: Path,
+    *,
+    device: str = "cpu",
+    overwrite: bool = False,
+    quiet: bool = False,
+    budget: float = DEFAULT_BUDGET,
+    maps: Sequence[int] = MAPS,
+    step_factors: Sequence[float] = STEP_FACTORS,
+) -> dict[str, Any]:
+    """Measure what speed costs in accuracy on a scene.
+
+    Every setting is a full coupled simulation of the whole plant time, compared at 25 frames with an unsplit float64
+    reference that is as fine as the budget allows. The reference's own error is estimated by refinement: its distance
+    from a computation with half the map and twice the step, which for a method of first order is the error itself. So
+    that motion does not dominate, the film may be shorter than the scene's: gravity and inertia then see less
+    time (``playback_seconds``), all settings alike.
+
+    Settings run from cheap to dear until the budget is used. Those left out stay in the table with the seconds
+    that they would take.
+
+    Args:
+        scene: The scene; its water flows.
+        output: Folder of ``tradeoff.csv``, ``tradeoff.json`` and ``tradeoff.png``.
+        device: Warp device.
+        overwrite: Replace a table that is there already.
+        quiet: No progress on stderr.
+        budget: Wall time to use [s].
+        maps: Cells of the maps in the longer direction; the other follows the scene's map.
+        step_factors: Fluid steps as multiples of the scene's.
+
+    Returns:
+        What ``tradeoff.json`` holds.
+
+    Raises:
+        InputError: The scene prescribes its water, or a table is there already, or a bad budget, device or photo.
+        OutputError: The table cannot be written.
+    """
+    if scene.fluid is None:
+        raise InputError(
+            f"{scene.name}: [fluid]: missing; the trade is one of fluid map, step and scheme, and this scene prescribes "
+            "its water ([water])"
+        )
+    if not (math.isfinite(budget) and budget > 0.0):
+        raise InputError(f"--budget {budget:g}: accepted: a time above 0, such as '10 min'")
+    table = output / "tradeoff.csv"
+    if table.exists() and not overwrite:
+        raise InputError(f"{table}: exists already; --overwrite replaces it")
+    can_plot = find_spec("matplotlib") is not None
+    if not can_plot:
+        print(
+            "leafwarp: matplotlib is not installed: the tables are written without a plot; "
+            "pip install 'leafwarp[plot]' brings it",
+            file=sys.stderr,
+        )
+    device = check_device(device)
+    try:
+        output.mkdir(parents=True, exist_ok=True)
+        write_rows(table, [])
+    except (OSError, OutputError) as error:
+        raise InputError(f"{output}: cannot be written: {error}") from None
+    study = _Study(scene, output, device, budget, quiet, maps, step_factors)
+    result = study.run()
+    write_rows(table, study.rows)
+    write_text(output / "tradeoff.json", json.dumps(result, indent=1) + "\n")
+    if can_plot:
+        from leafwarp.study.plot import plot_tradeoff
+
+        plot_tradeoff(result, output / "tradeoff.png")
+    return result
+
+
+def map_sizes(shape: tuple[int, int], across: Sequence[int]) -> list[tuple[int, int]]:
+    """Maps (width, height) of the scene's proportions with so many cells in the longer direction."""
+    width, height = shape
+    longer = max(shape)
+    return [(max(1, round(n * width / longer)), max(1, round(n * height / longer))) for n in sorted(set(across))]
+
+
+class _Study:
+    """The state of a study: its clock, its leaves, what is computed already."""
+
+    def __init__(
+        self,
+        scene: Scene,
+        output: Path,
+        device: str,
+        budget: float,
+        quiet: bool,
+        maps: Sequence[int],
+        step_factors: Sequence[float],
+    ):
+        self.rows: list[Row] = []
+        self._begin = time.perf_counter()
+        self._scene = scene
+        self._output = output
+        self._device = device
+        self._budget = budget
+        self._quiet = quiet
+        self._maps = map_sizes(scene.maps.shape, maps)
+        self._steps = sorted({min(factor * scene.fluid.step, scene.time.duration) for factor in step_factors})
+        self._leaves: dict[tuple[int, int], Leaf] = {}
+        self._trials: dict[Setting, Trial] = {}
+        self._playback = film_seconds(scene)
+
+    def run(self) -> dict[str, Any]:
+        """Do the study; fills ``rows`` and returns the result."""
+        settings = [
+            Setting(size, step, scheme, precision)
+            for size, step, scheme, precision in itertools.product(self._maps, self._steps, SCHEMES, PRECISIONS)
+        ]
+        self._costs = CostModel(
+            trial_scene(self._scene, self._playback),
+            self._leaf_of,
+            self._device,
+            PILOT_SHARE * self._budget,
+            max(1, max(self._maps[0]) // 2),
+        )
+        self._say("timing a few steps of each map, scheme and precision")
+        self._choose_playback(settings)
+        predicted = {setting: self._predict(setting) for setting in settings}
+        reference = self._compute_reference()
+        for setting in sorted(settings, key=predicted.__getitem__):
+            self._add_row(setting, reference)
+        self._mark()
+        return self._result()
+
+    # The clock.
+
+    @property
+    def _spent(self) -> float:
+        return time.perf_counter() - self._begin
+
+    def _say(self, text: str) -> None:
+        if not self._quiet:
+            print(f"[{self._spent:.0f}/{self._budget:.0f} s] {text}", file=sys.stderr, flush=True)
+
+    def _predict(self, setting: Setting) -> float:
+        return self._costs.predict(setting, self._playback)
+
+    def _choose_playback(self, settings: Sequence[Setting]) -> None:
+        """The scene's own film, or one as much shorter as makes all the motion fit into its share of the budget."""
+        per_second = sum(self._costs.motion(setting) for setting in settings)
+        self._playback = min(self._playback, MOTION_SHARE * self._budget / per_second)
+        self._trial_scene = trial_scene(self._scene, self._playback)
+
+    # What is computed.
+
+    def _leaf_of(self, size: tuple[int, int]) -> Leaf:
+        if size not in self._leaves:
+            scene = self._scene.with_changes({"maps.size": size})
+            self._leaves[size] = prepare_scene_leaf(scene, self._output / CACHE_FOLDER)
+        return self._leaves[size]
+
+    def _run(self, setting: Setting, seconds: float = math.inf) -> Trial:
+        """Compute a setting, once.
+
+        Raises:
+            OutOfTime: It takes longer than this.
+            SimulationError: It cannot be computed.
+        """
+        if setting not in self._trials:
+            leaf = self._leaf_of(setting.map_size)
+            deadline = time.perf_counter() + seconds
+            trial = run_trial(self._trial_scene, leaf, setting, self._device, deadline)
+            self._trials[setting] = trial
+            self._costs.learn(trial)
+        return self._trials[setting]
+
+    def _compute_reference(self) -> Trial:
+        """Choose, compute and check the reference."""
+        candidates = unsplit_settings(self._maps, self._steps)
+        allotted = REFERENCE_SHARE * self._budget
+        ranked = self._rank(candidates, allotted)
+        end = self._spent + allotted
+        for index, setting in enumerate(ranked):
+            is_last = index == len(ranked) - 1
+            self._say(f"reference: {setting}, {self._predict(setting):.0f} s expected")
+            try:
+                reference = self._run(setting, math.inf if is_last else 1.25 * (end - self._spent))
+                check = self._run(setting.coarsened(2, 2.0))
+            except (OutOfTime, SimulationError) as error:
+                if is_last and isinstance(error, SimulationError):
+                    raise
+                self._say(f"reference given up: {error}")
+                # What is left must pay for the next.
+                ranked[index + 1 :] = [c for c in ranked[index + 1 :] if self._predict(c) <= end - self._spent] or [
+                    min(candidates, key=self._predict)
+                ]
+                continue
+            break
+        ...

@@ -1,0 +1,164 @@
+"""The leaf's triangles: counts, disc topology, hinge directions, and the refusal of what is no disc."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from leaf_pictures import BASE, blade_outline, coverage, petiole_outline, true_length
+
+from leafwarp.errors import InputError
+from leafwarp.leaf.leaf import LeafMesh
+from leafwarp.leaf.mesh import check_disc, mesh_from_triangles
+from leafwarp.leaf.outline import trace
+from leafwarp.leaf.segment import Silhouette
+from leafwarp.leaf.triangulate import boundary_polygon, triangulate
+
+
+def leaf_outline(teeth: int = 0, depth: float = 0.0, petiole: bool = True) -> tuple[np.ndarray, np.ndarray]:
+    """Outline and tip [m] of a drawn leaf 0.1 m long, the base at the origin."""
+    polygons = [blade_outline(teeth, depth)] + ([petiole_outline()] if petiole else [])
+    points = trace(Silhouette((2.0 * coverage(*polygons) - 1.0).astype(np.float32), (1.0, 1.0)))
+    base = points[np.argmin(np.linalg.norm(points - BASE, axis=1))]
+    scale = np.array([1.0, -1.0]) * 0.1 / true_length(teeth, depth)
+    points = (points - base) * scale
+    return points, points[np.argmax(np.linalg.norm(points, axis=1))]
+
+
+def signed_area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
+    u, v = b - a, c - a
+    return 0.5 * (u[:, 0] * v[:, 1] - u[:, 1] * v[:, 0])
+
+
+@pytest.fixture(scope="module")
+def serrated() -> LeafMesh:
+    return triangulate(*leaf_outline(teeth=40, depth=0.06), 1707)
+
+
+@pytest.mark.parametrize(
+    ("shape", "vertices"),
+    [({}, 60), ({}, 300), ({"teeth": 40, "depth": 0.06}, 300), ({"teeth": 90, "depth": 0.04}, 1707), ({}, 4000)],
+)
+def test_counts_and_quality(shape: dict, vertices: int) -> None:
+    outline, tip = leaf_outline(**shape)
+    mesh = triangulate(outline, tip, vertices)
+    quality = check_disc(mesh)
+    assert abs(mesh.vertex_count - vertices) <= max(0.02 * vertices, 2)
+    assert quality.minimum_angle > 20.0 and quality.mean_radius_ratio > 0.94  # 0.98 where teeth and petiole are few
+    assert quality.edge_variation < 0.18
+    x, y = outline.T
+    area = 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
+    assert mesh.vertex_areas.sum() == pytest.approx(area, rel=0.04 if vertices >= 300 else 0.1)
+
+
+def test_euler_and_area_sums(serrated: LeafMesh) -> None:
+    mesh = serrated
+    boundary = mesh.edge_count - mesh.hinge_count
+    assert mesh.vertex_count - mesh.edge_count + mesh.triangle_count == 1
+    assert 2 * mesh.hinge_count + boundary == 3 * mesh.triangle_count
+    areas = signed_area(*(mesh.positions[mesh.triangles[:, corner]] for corner in range(3)))
+    assert areas.min() > 0.0
+    assert mesh.vertex_areas.sum() == pytest.approx(areas.sum(), rel=1e-12)
+    assert mesh.edge_areas.sum() == pytest.approx(3.0 * areas.sum(), rel=1e-12)
+    assert (mesh.edges[:, 0] < mesh.edges[:, 1]).all()
+    assert mesh.triangles.dtype == mesh.edges.dtype == mesh.hinges.dtype == np.int32
+
+
+def test_base_is_vertex_zero_at_the_origin(serrated: LeafMesh) -> None:
+    assert (serrated.positions[0] == 0.0).all()
+    assert np.hypot(*serrated.positions.T).max() == pytest.approx(0.1, rel=0.02)
+
+
+def test_neighbours_are_near_in_memory(serrated: LeafMesh) -> None:
+    spread = np.abs(np.diff(serrated.edges.astype(int), axis=1))
+    assert spread.max() < serrated.vertex_count / 6
+
+
+def test_every_hinge_follows_its_first_triangle(serrated: LeafMesh) -> None:
+    mesh = serrated
+    a, b, c, d = (mesh.positions[mesh.hinges[:, corner]] for corner in range(4))
+    assert (signed_area(a, b, c) > 0.0).all() and (signed_area(b, a, d) > 0.0).all()
+    number = {tuple(sorted(triangle)): index for index, triangle in enumerate(mesh.triangles.tolist())}
+    edges = {tuple(edge) for edge in mesh.edges.tolist()}
+    for one, two, opposite, other in mesh.hinges.tolist():
+        assert number[tuple(sorted((one, two, opposite)))] < number[tuple(sorted((one, two, other)))]
+        assert (min(one, two), max(one, two)) in edges
+    assert (mesh.hinges[:, 0] > mesh.hinges[:, 1]).any()  # stored (low, high) they would be wrong
+
+
+def test_same_input_same_mesh() -> None:
+    outline, tip = leaf_outline(teeth=40, depth=0.06)
+    one, two = triangulate(outline, tip, 400), triangulate(outline, tip, 400)
+    np.testing.assert_array_equal(one.positions, two.positions)
+    np.testing.assert_array_equal(one.hinges, two.hinges)
+
+
+def test_mesh_scales_with_the_leaf() -> None:
+    outline, tip = leaf_outline()
+    small, large = triangulate(outline, tip, 200), triangulate(outline * 1000.0, tip * 1000.0, 200)
+    np.testing.assert_allclose(large.positions, 1000.0 * small.positions, rtol=1e-9, atol=1e-9)
+
+
+def test_thin_petiole_is_widened_to_a_strip() -> None:
+    """At 150 vertices an edge is as long as 1.6 petiole widths."""
+    outline, tip = leaf_outline()
+    mesh = triangulate(outline, tip, 150)
+    assert check_disc(mesh).minimum_angle > 20.0
+    assert np.count_nonzero(mesh.positions[:, 1] < 0.018) >= 5  # [m] the petiole is 0.022 m long
+
+
+def test_teeth_stay_corners() -> None:
+    outline, tip = leaf_outline(teeth=24, depth=0.12, petiole=False)
+    polygon = boundary_polygon(outline, tip, 0.0025)
+    reach = np.linalg.norm(outline[:, None] - polygon[None], axis=2).min(axis=1)
+    assert reach.max() < 0.6 * 0.0025  # no tooth is cut off
+
+
+def test_count_out_of_range_is_refused() -> None:
+    with pytest.raises(InputError, match="vertices: value 3 is not accepted"):
+        triangulate(*leaf_outline(), 3)
+
+
+def test_single_and_double_triangle() -> None:
+    one = mesh_from_triangles(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]), np.array([[0, 1, 2]]))
+    assert (one.edge_count, one.hinge_count) == (3, 0) and one.hinges.shape == (0, 4)
+    np.testing.assert_allclose(one.vertex_areas, 1.0 / 6.0)
+    square = np.array([[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]])
+    two = mesh_from_triangles(square, np.array([[2, 3, 0], [0, 1, 2]]))
+    np.testing.assert_array_equal(two.hinges, [[0, 2, 3, 1]])  # as (2, 3, 0) runs: from 0 to 2
+    np.testing.assert_allclose(two.edge_areas[two.edges.tolist().index([0, 2])], 1.0)
+
+
+SQUARE = [[0.0, 0.0], [1.0, 0.0], [1.0, 1.0], [0.0, 1.0]]
+
+
+@pytest.mark.parametrize(
+    ("positions", "triangles", "message"),
+    [
+        (SQUARE, [[0, 1, 2]], "vertex 3 belongs to no triangle"),
+        (SQUARE, [[0, 1, 1], [0, 2, 3]], "uses a vertex twice"),
+        (SQUARE, [[0, 1, 2], [0, 3, 2]], "not counter-clockwise"),
+        (SQUARE, [[0, 1, 2], [0, 2, 4]], "vertex index 4 is not accepted"),
+        ([*SQUARE, [3.0, 0.0], [4.0, 0.0], [4.0, 1.0]], [[0, 1, 2], [0, 2, 3], [4, 5, 6]], "more than one loop"),
+        ([*SQUARE[:3], [2.0, 1.0], [2.0, 2.0]], [[0, 1, 2], [2, 3, 4]], "hourglass"),
+        ([*SQUARE, [0.5, 2.0]], [[0, 1, 2], [0, 1, 3], [0, 1, 4]], "belongs to 3 triangles"),
+        (SQUARE, [[0, 1, 2], [0, 1, 3]], "orientation differs"),
+        ([[0.0, np.nan], [1.0, 0.0], [1.0, 1.0]], [[0, 1, 2]], "positions of shape"),
+    ],
+)
+def test_what_is_no_disc_is_refused(positions: list, triangles: list, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        mesh_from_triangles(np.array(positions), np.array(triangles))
+
+
+def test_ring_is_refused() -> None:
+    angle = np.arange(8) * (np.pi / 4.0)
+    circle = np.column_stack([np.cos(angle), np.sin(angle)])
+    following = np.roll(np.arange(8), -1)
+    triangles = np.concatenate(
+        [
+            np.column_stack([np.arange(8), np.arange(8) + 8, following]),
+            np.column_stack([following, np.arange(8) + 8, following + 8]),
+        ]
+    )
+    with pytest.raises(InputError, match="more than one loop"):
+        mesh_from_triangles(np.concatenate([circle, 2.0 * circle]), triangles)

@@ -1,0 +1,134 @@
+"""Only what a scene requires: modules loaded, arrays allocated and launches, counted."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from leafwarp.scene import load_scene
+from leafwarp.sim.launch import ArraySpec, State
+from leafwarp.sim.plan import CANDIDATES, make_plan
+
+ROOT = Path(__file__).parent.parent
+ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "kernels")])}
+
+# What a fresh process loads, allocates and launches for a scene; two frames are run.
+CENSUS = """
+import json, sys
+from pathlib import Path
+import warp as wp
+allocated = []
+empty = wp.array.__init__
+def counted(self, *arguments, **options):
+    empty(self, *arguments, **options)
+    if getattr(self, "deleter", None) is not None and options.get("ptr") is None:
+        allocated.append(self.capacity)
+from leafwarp.run import prepare_scene_leaf
+from leafwarp.scene import load_scene
+scene = load_scene(Path(sys.argv[1])).with_changes({"output.contact_sheet": False})
+leaf = prepare_scene_leaf(scene, Path(sys.argv[2]))
+wp.init()
+wp.array.__init__ = counted
+from leafwarp.sim.simulation import Simulation
+simulation = Simulation(scene, leaf, "cpu")
+at_start = len(allocated)
+before = simulation.state.launch_count
+frames = [frame.index for frame in simulation.frames(2)]
+from warp._src.context import user_modules
+print(json.dumps({
+    "kernels": sorted(name for name, module in user_modules.items() if module.execs and "leafwarp" in name),
+    "modules": sorted(name for name in sys.modules if name.startswith("leafwarp")),
+    "arrays": list(simulation.state.names),
+    "allocated": at_start,
+    "allocated_in_frames": len(allocated) - at_start,
+    "bytes": simulation.state.byte_count,
+    "planned_bytes": simulation.plan.byte_count,
+    "launches": simulation.state.launch_count - before,
+    "substeps": simulation.substeps,
+    "fluid_steps": simulation.fluid.steps_done if simulation.fluid else 0,
+    "maps": sorted(leaf.maps),
+}))
+"""
+
+
+@pytest.fixture(scope="module")
+def census(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict]:
+    cache = tmp_path_factory.mktemp("cache")
+
+    def count(name: str) -> dict:
+        command = [sys.executable, "-c", CENSUS, str(ROOT / "scenes" / f"{name}.toml"), str(cache)]
+        done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=True)
+        return json.loads(done.stdout.splitlines()[-1])
+
+    return {name: count(name) for name in ("still", "bramble")}
+
+
+def test_the_smallest_scene_compiles_only_its_kernels(census) -> None:
+    still, bramble = census["still"]["kernels"], census["bramble"]["kernels"]
+    assert still == [
+        f"leafwarp_kernels.{name}"
+        for name in ("edge_springs", "external_forces", "integration", "normals", "response", "stable_step")
+    ]
+    assert set(still) < set(bramble)
+    assert {f"leafwarp_kernels.{name}" for name in ("tridiagonal", "angular_springs", "sampling")} <= set(bramble)
+    assert "leafwarp_kernels.unsplit" not in bramble
+
+
+def test_the_smallest_scene_does_not_even_import_the_fluid(census) -> None:
+    assert not [name for name in census["still"]["modules"] if "fluid" in name or "tridiagonal" in name]
+    assert "leafwarp.sim.fluid" in census["bramble"]["modules"]
+
+
+def test_the_smallest_scene_has_no_maps_and_few_arrays(census) -> None:
+    still, bramble = census["still"], census["bramble"]
+    assert still["maps"] == []
+    assert not [name for name in still["arrays"] if "hinge" in name or "map" in name or "venation" in name]
+    assert len(still["arrays"]) < 0.5 * len(bramble["arrays"])
+    assert still["bytes"] < 0.1 * bramble["bytes"]
+
+
+@pytest.mark.parametrize("name", ["still", "bramble"])
+def test_what_is_allocated_is_what_was_planned(census, name: str) -> None:
+    assert census[name]["bytes"] == census[name]["planned_bytes"]
+    assert census[name]["allocated_in_frames"] == 0
+
+
+def test_launches_are_those_of_the_plan(census) -> None:
+    still = census["still"]
+    # Two readings of normals and, for the second frame: rest lengths, mass, three for the stable step (its bound
+    # before and after, and the check), and edge springs, air and integration a substep.
+    assert still["launches"] == 2 + 2 + 3 + 3 * sum(still["substeps"])
+    per_substep = 6  # edge springs, hinges, their gather, gravity, air, integration
+    bramble = census["bramble"]
+    assert bramble["launches"] > per_substep * sum(bramble["substeps"])
+    assert still["launches"] < bramble["launches"]
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "scenes").glob("*.toml")), ids=lambda p: p.stem)
+def test_every_array_read_is_written_by_some_stage(path: Path, planned_leaf) -> None:
+    plan = make_plan(load_scene(path), planned_leaf(load_scene(path)))
+    declared = {spec.name for spec in plan.arrays}
+    assert len(declared) == len(plan.arrays)
+    for stage in plan.stages:
+        assert set(stage.reads) | set(stage.writes) <= declared, stage.name
+    assert {s.name for s in plan.stages} | set(plan.left_out) == {c.name for c in CANDIDATES}
+    assert not {s.name for s in plan.stages} & set(plan.left_out)
+
+
+@pytest.fixture(scope="session")
+def planned_leaf(tmp_path_factory: pytest.TempPathFactory):
+    from leafwarp.run import prepare_scene_leaf
+
+    cache = tmp_path_factory.mktemp("planned")
+    return lambda scene: prepare_scene_leaf(scene, cache)
+
+
+def test_an_array_declared_twice_is_an_error() -> None:
+    spec = ArraySpec("water", (2,), "real", "")
+    with pytest.raises(ValueError, match="'water' is declared twice"):
+        State([spec, spec], "cpu", "float32")

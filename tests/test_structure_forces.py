@@ -1,0 +1,178 @@
+"""Edge springs, angular springs and outside forces against NumPy, energy and momentum."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from meshes import scene_of, strip, two_triangles
+from structure_reference import (
+    ROUNDING,
+    angle_of,
+    crumpled,
+    edge_energy,
+    gradient,
+    hinge_energy,
+    rig_of,
+    rotation,
+    total_torque,
+)
+
+BENDING = {"bending_stiffness": 1e-6, "damping": 0.1}
+
+
+def shaken(device, precision, structure=BENDING, amount=0.25, leaf=None, **tables):
+    """A rig with a crumpled leaf; the positions are those that the precision can hold."""
+    rig = rig_of(scene_of(structure, **tables), leaf or strip(columns=6, jitter=0.15), device, precision)
+    rig.put(position=crumpled(rig.leaf, amount))
+    rig.put(velocity=np.random.default_rng(1).normal(size=(rig.leaf.mesh.vertex_count, 3)))
+    return rig, rig.get("position")
+
+
+def close(actual, expected, precision, factor=1.0):
+    np.testing.assert_allclose(
+        actual, expected, rtol=0.0, atol=factor * ROUNDING[precision] * np.abs(expected).max()
+    )
+
+
+def test_edge_forces_are_minus_the_gradient_of_the_energy(device, precision):
+    rig, positions = shaken(device, precision)
+    rest, stiffness = rig.get("edge_rest_length"), rig.get("edge_stiffness")
+    expected = -gradient(lambda x: edge_energy(x, rig.leaf.mesh, rest, stiffness), positions, 1e-5)
+    close(rig.forces("edge_springs"), expected, precision, factor=100 if precision == "float64" else 1)
+
+
+@pytest.mark.parametrize("amount", [0.02, 0.3])
+def test_hinge_forces_are_minus_the_gradient_of_the_energy(device, precision, amount):
+    rig, positions = shaken(device, precision, amount=amount)
+    rest = np.random.default_rng(2).uniform(-1, 1, rig.leaf.mesh.hinge_count)
+    rig.put(hinge_rest_angle=rest)
+    stiffness = rig.get("hinge_stiffness")
+    expected = -gradient(
+        lambda x: hinge_energy(x, rig.leaf.mesh, rig.get("hinge_rest_angle"), stiffness), positions, 2e-6
+    )
+    # The finite difference itself is good to 1e-8 of the largest force.
+    close(rig.forces("angular_springs"), expected, precision, factor=1000 if precision == "float64" else 1)
+
+
+def test_damping_forces_follow_the_rates_of_lengths_and_angles(device, precision):
+    rig, positions = shaken(device, precision, amount=0.2)
+    speed, mesh, tau = rig.get("velocity"), rig.leaf.mesh, 3e-3
+    still = {name: rig.forces(name) for name in ("edge_springs", "angular_springs")}
+    rig.put(damping_time=[tau])
+    tau = float(rig.get("damping_time")[0])
+    along = positions[mesh.edges[:, 0]] - positions[mesh.edges[:, 1]]
+    unit = along / np.linalg.norm(along, axis=1)[:, None]
+    rate = np.einsum("ij,ij->i", speed[mesh.edges[:, 0]] - speed[mesh.edges[:, 1]], unit)
+    push = -(tau * rig.get("edge_stiffness") * rate)[:, None] * unit
+    expected = np.zeros_like(positions)
+    np.add.at(expected, mesh.edges[:, 0], push)
+    np.add.at(expected, mesh.edges[:, 1], -push)
+    close(rig.forces("edge_springs") - still["edge_springs"], expected, precision)
+
+    # The moment of a hinge acts along the gradient of its angle.
+    stiffness = rig.get("hinge_stiffness")
+    angle_gradients = np.array(
+        [gradient(lambda x, hinge=hinge: angle_of(*x[hinge]), positions, 2e-6) for hinge in mesh.hinges]
+    )
+    rates = np.einsum("hij,ij->h", angle_gradients, speed)
+    expected = -np.einsum("h,hij->ij", tau * stiffness * rates, angle_gradients)
+    close(
+        rig.forces("angular_springs") - still["angular_springs"],
+        expected,
+        precision,
+        factor=1000 if precision == "float64" else 1,
+    )
+
+
+@pytest.mark.parametrize("name", ["edge_springs", "angular_springs"])
+def test_springs_and_their_damping_conserve_linear_and_angular_momentum(device, precision, name):
+    rig, positions = shaken(device, precision)
+    rig.put(damping_time=[1e-3])
+    forces = rig.forces(name)
+    size = np.abs(forces).sum()
+    assert np.linalg.norm(forces.sum(axis=0)) < 1e-2 * ROUNDING[precision] * size
+    assert (
+        np.linalg.norm(total_torque(positions, forces)) < 1e-2 * ROUNDING[precision] * size * rig.leaf.length
+    )
+
+
+@pytest.mark.parametrize("name", ["edge_springs", "angular_springs"])
+def test_damping_takes_energy_out(device, precision, name):
+    rig, _ = shaken(device, precision)
+    without = rig.forces(name)
+    rig.put(damping_time=[1e-2])
+    power = np.sum((rig.forces(name) - without) * rig.get("velocity"))
+    assert power < -1e-3 * np.abs(rig.get("velocity")).max() * np.abs(without).max() * 1e-2
+
+
+def test_a_rigid_motion_meets_no_force(device, precision):
+    rig, _ = shaken(device, precision)
+    rig.put(damping_time=[1e-2])
+    rest = np.column_stack((rig.leaf.mesh.positions, np.zeros(rig.leaf.mesh.vertex_count)))
+    turn = rotation([1.0, 2.0, -0.5], 2.1)
+    rig.put(position=rest @ turn.T + [0.01, -0.02, 0.03])
+    rig.put(velocity=[*np.cross([3.0, -1.0, 2.0], rig.get("position")), 0.1, 0.2, 0.3])
+    # Next to the forces of a 10 % deformation.
+    scale = 0.1 * np.max(rig.get("edge_stiffness") * rig.get("edge_rest_length"))
+    assert np.abs(rig.forces("edge_springs")).max() < ROUNDING[precision] * scale
+    steep = np.max(rig.get("hinge_stiffness")) / np.min(rig.get("edge_rest_length"))
+    assert np.abs(rig.forces("angular_springs")).max() < ROUNDING[precision] * steep
+
+
+def test_forces_turn_with_the_leaf(device, precision):
+    rig, positions = shaken(device, precision)
+    before = rig.forces("edge_springs", "angular_springs")
+    turn = rotation([0.3, 1.0, 0.2], 1.3)
+    rig.put(position=positions @ turn.T, velocity=rig.get("velocity") @ turn.T)
+    close(rig.forces("edge_springs", "angular_springs"), before @ turn.T, precision)
+
+
+def test_gravity_and_air_are_their_formulas(device, precision):
+    motion = {"gravity": [0.3, -1.0, -9.0], "drag": 4.0, "wind": [2.0, 0.5, -1.0]}
+    rig, _ = shaken(device, precision, motion=motion)
+    mass = rig.get("mass")[:, None]
+    close(rig.forces("gravity"), mass * np.array(motion["gravity"]), precision)
+    close(rig.forces("air"), -4.0 * mass * (rig.get("velocity") - np.array(motion["wind"])), precision)
+
+
+def test_edge_springs_overwrite_and_the_others_add(device, precision):
+    motion = {"gravity": [0.0, 0.0, -9.81], "drag": 4.0}
+    rig, _ = shaken(device, precision, motion=motion)
+    names = ["edge_springs", "angular_springs", "gravity", "air"]
+    parts = sum(rig.forces(name) for name in names)
+    rig.put(force=np.full((rig.leaf.mesh.vertex_count, 3), 1e9))
+    for name in names:
+        rig.stage(name).run()
+    close(rig.get("force"), parts, precision)
+
+
+def test_sums_are_the_same_bits_in_every_run(device, precision):
+    first, _ = shaken(device, precision)
+    second, _ = shaken(device, precision)
+    a, b = (rig.forces("edge_springs", "angular_springs").tobytes() for rig in (first, second))
+    assert a == b == first.forces("edge_springs", "angular_springs").tobytes()
+
+
+def test_stages_follow_the_scene(device, precision):
+    def names(structure=None, motion=None, leaf=None):
+        rig = rig_of(scene_of(structure, motion), leaf or two_triangles(), device, precision)
+        return [stage.name for stage in rig.stages], set(rig.state.names)
+
+    plain, arrays = names()
+    assert plain == ["stable_step", "edge_springs", "integration"]
+    assert not any(name.startswith(("hinge", "vertex_hinge", "saved_hinge")) for name in arrays)
+    full, _ = names(BENDING, {"gravity": [0, 0, -9.81], "drag": 2.0})
+    assert full == ["stable_step", "edge_springs", "angular_springs", "gravity", "air", "integration"]
+    assert "paper_bending" in names(BENDING | {"bending": "paper"})[0]
+
+
+def test_declared_launches_are_those_recorded(device, precision):
+    for bending in ("gradient", "paper"):
+        rig, _ = shaken(
+            device, precision, BENDING | {"bending": bending}, motion={"gravity": [0, 0, -9.8], "drag": 1.0}
+        )
+        for stage in rig.stages:
+            if stage.rate == "substep":
+                assert [c.kernel_name for c in stage.commands] == [k.key for k in stage.kernels]
+                assert stage.launches == len(stage.commands)
+            assert {*stage.reads, *stage.writes} <= set(rig.state.names)
