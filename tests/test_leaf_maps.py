@@ -15,12 +15,26 @@ from leafwarp.leaf.outline import Outline, find_outline
 from leafwarp.leaf.photo import Photo, read_photo
 from leafwarp.leaf.segment import silhouette
 
-SIZES = [(8, 8), (16, 200), (200, 16), (1, 64), (64, 1), (1, 1), (2, 2), (37, 91), (256, 256), (1024, 1024), (512, 64)]
+SIZES = [
+    (8, 8),
+    (16, 200),
+    (200, 16),
+    (1, 64),
+    (64, 1),
+    (1, 1),
+    (2, 2),
+    (37, 91),
+    (256, 256),
+    (1024, 1024),
+    (512, 64),
+]
 
 
 @pytest.fixture(scope="module")
 def leaf(tmp_path_factory: pytest.TempPathFactory) -> tuple[Photo, Outline, PixelFrame]:
-    photo = read_photo(write_image(tmp_path_factory.mktemp("maps") / "leaf.png", draw_leaf(teeth=40, depth=0.06)))
+    photo = read_photo(
+        write_image(tmp_path_factory.mktemp("maps") / "leaf.png", draw_leaf(teeth=40, depth=0.06))
+    )
     outline = find_outline(photo, silhouette(photo))
     return photo, outline, PixelFrame.around(outline)
 
@@ -52,16 +66,13 @@ def test_mask_is_one_region_with_base_and_tip(leaf: tuple, map_size: tuple[int, 
 
 
 def test_pieces_are_joined_along_the_best_coverage() -> None:
-    share = np.zeros((9, 9))
-    share[5:, 2:7] = 1.0
-    share[2:5, 4] = 0.3  # a petiole too thin for half a cell
-    share[1, 4] = 0.6
-    share[0, 0] = 0.9  # a crumb
-    mask = leaf_cells(share, base=(1, 4), tip=(8, 4))
+    share = np.zeros((30, 30))
+    share[5:, 2:27] = 1.0
+    share[2:5, 14] = 0.3  # a petiole too thin for half a cell
+    share[1, 14] = 0.6
     expected = share >= 0.3
-    expected[0, 0] = False
-    np.testing.assert_array_equal(mask, expected | False if share[0, 0] < 0.5 else mask & expected | mask)
-    assert mask[2:5, 4].all() and mask[1:5].sum() == 4
+    share[0, 0] = 0.9  # a crumb, less than a hundredth of the leaf
+    np.testing.assert_array_equal(leaf_cells(share, base=(1, 14), tip=(29, 14)), expected)
 
 
 def test_single_line_of_cells_is_bridged() -> None:
@@ -82,7 +93,9 @@ def test_ramp_image_is_exact_at_cell_centres(
     mask, maps = make_maps(photo, outline, frame, map_size, {"water": path})
     x, y = photo_points(frame, map_size)
     wanted = 0.2 + 0.3 * x / WIDTH + 0.4 * y / HEIGHT
-    np.testing.assert_allclose(maps["water"][mask], wanted[mask], atol=1.1 / 65535)  # 16-bit rounding of the file
+    np.testing.assert_allclose(
+        maps["water"][mask], wanted[mask], atol=1.1 / 65535
+    )  # 16-bit rounding of the file
 
 
 def test_interval_means() -> None:
@@ -103,8 +116,8 @@ def test_dot_lands_at_its_place_in_maps(leaf: tuple, tmp_path: Path) -> None:
     for name in ("water", "source"):
         weights = maps[name] / maps[name].sum()
         u, v = ((columns + 0.5) * weights).sum() / map_size[0], ((rows + 0.5) * weights).sum() / map_size[1]
-        assert u == pytest.approx((153.0 - frame.left) / frame.size[0], abs=1e-9)
-        assert v == pytest.approx((frame.bottom - 203.0) / frame.size[1], abs=1e-9)
+        assert u == pytest.approx((153.0 - frame.left) / frame.size[0], abs=0.02 / 90)  # a fiftieth of a cell
+        assert v == pytest.approx((frame.bottom - 203.0) / frame.size[1], abs=0.02 / 120)
 
 
 def test_black_source_is_refused(leaf: tuple, tmp_path: Path) -> None:
@@ -131,7 +144,9 @@ def test_automatic_veins_are_the_drawn_ones(leaf: tuple, map_size: tuple[int, in
         assert (at(line) > (0.3 if number == 0 else 0.02)).mean() >= 0.8, number
     midrib = at(lines[0])
     assert midrib[0] > midrib[-1]  # Murray: the flow gathers towards the base
-    between = np.array([[210.0 + side * 60.0, height - 50.0] for side in (-1, 1) for height in (195, 250, 305, 360)])
+    between = np.array(
+        [[210.0 + side * 60.0, height - 50.0] for side in (-1, 1) for height in (195, 250, 305, 360)]
+    )
     assert (at(between) < 0.1).mean() >= 0.7
     assert 0.02 < (veins > 0.05).sum() / mask.sum() < 0.35
 
@@ -142,13 +157,17 @@ def test_venation_is_one_tree_two_cells_wide(leaf: tuple) -> None:
     drawn = (maps["venation"] > 0.0).astype(np.uint8)
     count, _, stats, _ = cv2.connectedComponentsWithStats(drawn, connectivity=4)
     assert stats[1:, cv2.CC_STAT_AREA].max() > 0.97 * drawn.sum(), count
-    thin = drawn - cv2.morphologyEx(drawn, cv2.MORPH_OPEN, np.ones((2, 2), np.uint8))
-    assert thin.sum() < 0.05 * drawn.sum()
+    square = drawn[:-1, :-1] & drawn[1:, :-1] & drawn[:-1, 1:] & drawn[1:, 1:]  # two by two cells, all vein
+    wide = np.zeros_like(drawn)
+    for rows in (slice(None, -1), slice(1, None)):
+        for columns in (slice(None, -1), slice(1, None)):
+            wide[rows, columns] |= square
+    assert wide.sum() > 0.95 * drawn.sum()
 
 
 def test_petiole_coverage_reference() -> None:
     """The drawn test leaf is what the other tests take it for."""
-    assert coverage(np.array([[10.0, 10.0], [20.0, 10.0], [20.0, 30.0], [10.0, 30.0]])).sum() == pytest.approx(
-        200.0, rel=0.03
-    )
+    assert coverage(
+        np.array([[10.0, 10.0], [20.0, 10.0], [20.0, 30.0], [10.0, 30.0]])
+    ).sum() == pytest.approx(200.0, rel=0.03)
     assert TIP[1] < BASE[1]

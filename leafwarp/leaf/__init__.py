@@ -1,8 +1,9 @@
 """Leaf photo to mesh, texture and maps.
 
-:func:`prepare_leaf` does all of it: read the photo (``photo``), find the leaf (``segment``), its outline and petiole
-base (``outline``), fill it with triangles (``triangulate``, ``mesh``), draw its maps (``maps``, ``veins``) and its
-texture (``texture``), and keep the result (``cache``). Importing this package loads none of the libraries they need.
+:func:`prepare_leaf` does all of it: read the photo (``photo``), find the leaf (``segment``), its outline and
+petiole base (``outline``), fill it with triangles (``triangulate``, ``mesh``), draw its maps (``maps``,
+``veins``) and its texture (``texture``), and keep the result (``cache``). Importing this package loads none
+of the libraries they need.
 """
 
 from __future__ import annotations
@@ -35,15 +36,17 @@ def prepare_leaf(
     """Turn a leaf photo into a mesh, a texture and maps.
 
     Args:
-        image: PNG, JPEG, TIFF or WebP picture of one leaf before a plain background; opacity is honoured as its mask.
+        image: PNG, JPEG, TIFF or WebP picture of one leaf before a plain background; opacity is honoured as
+            its mask.
         length: Distance from the petiole base to the farthest point of the leaf [m]; it sets the scale.
         pixels_per_metre: Scale of the photo, where no length is given.
         mask: Picture of the same frame (any size), light on the leaf, that replaces the search for it.
-        base: The petiole's end in pixels of the upright photo, x to the right and y down, that replaces the search.
+        base: The petiole's end in pixels of the upright photo, x to the right and y down, that replaces the
+            search.
         vertices: Number of mesh vertices, met within 1 %.
         map_size: Cells across and up (nx, ny), or None for no maps at all.
-        maps: The maps wanted, among ``venation``, ``stomata``, ``water`` and ``source``: "auto", a number in [0, 1]
-            (not for ``source``), or a picture of the same frame as the photo, of any size.
+        maps: The maps wanted, among ``venation``, ``stomata``, ``water`` and ``source``: "auto", a number in
+            [0, 1] (not for ``source``), or a picture of the same frame as the photo, of any size.
         cache: Folder where prepared leaves are kept by the content of all of this.
 
     Raises:
@@ -91,13 +94,16 @@ def _prepare(
     outline = find_outline(photo, shape, base)
     pixel = 1.0 / pixels_per_metre if length is None else length / outline.length
     frame = PixelFrame.around(outline)
-    texture = make_texture(photo, outline, frame, softness=max(shape.scale))
+    texture = make_texture(photo, shape, outline, frame)
     cells, made = (None, {}) if map_size is None else make_maps(photo, outline, frame, map_size, maps)
     up = (pixel, -pixel)
     return Leaf(
         mesh=triangulate((outline.points - outline.base) * up, (outline.tip - outline.base) * up, vertices),
         frame=MapFrame(
-            origin=(float(frame.left - outline.base[0]) * pixel, float(outline.base[1] - frame.bottom) * pixel),
+            origin=(
+                float(frame.left - outline.base[0]) * pixel,
+                float(outline.base[1] - frame.bottom) * pixel,
+            ),
             size=(frame.size[0] * pixel, frame.size[1] * pixel),
         ),
         length=outline.length * pixel,
@@ -125,11 +131,14 @@ def _check_arguments(
         return
     whole = len(map_size) == 2 and all(side == int(side) and 1 <= side <= 8192 for side in map_size)
     if not whole:
-        raise InputError(f"{image}: map_size: value {map_size!r} is not accepted; accepted: two numbers from 1 to 8192")
+        raise InputError(
+            f"{image}: map_size: value {map_size!r} is not accepted; accepted: two numbers from 1 to 8192"
+        )
 
 
 def _checked_maps(image: Path, maps: Mapping[str, str | float | Path]) -> dict[str, str | float | Path]:
-    """The maps wanted, by name in a fixed order; raises InputError where a name or a value is not accepted."""
+    """The maps wanted, by name in a fixed order; raises InputError where a name or a value is not
+    accepted."""
     names = ("venation", "stomata", "water", "source")
     checked = {}
     for name in (*names, *maps):
@@ -138,7 +147,9 @@ def _checked_maps(image: Path, maps: Mapping[str, str | float | Path]) -> dict[s
         if name not in maps or name in checked:
             continue
         value = maps[name]
-        accepted = "'auto' or an image path" if name == "source" else "'auto', a number from 0 to 1 or an image path"
+        accepted = (
+            "'auto' or an image path" if name == "source" else "'auto', a number from 0 to 1 or an image path"
+        )
         if isinstance(value, str | Path):
             checked[name] = value if value == "auto" else Path(value)
         elif name != "source" and not isinstance(value, bool) and 0.0 <= value <= 1.0:

@@ -1,8 +1,8 @@
 """What an image file says of itself, read from its bytes without decoding a pixel.
 
-Decoders are poor judges of bad files: some allocate the declared size before they look at the data, some fill the
-missing tail of a JPEG with grey, some print to stderr. So the structure is checked here first. Formats: PNG, JPEG,
-TIFF (and BigTIFF), WebP.
+Decoders are poor judges of bad files: some allocate the declared size before they look at the data, some fill
+the missing tail of a JPEG with grey, some print to stderr. So the structure is checked here first. Formats:
+PNG, JPEG, TIFF (and BigTIFF), WebP.
 """
 
 from __future__ import annotations
@@ -30,7 +30,8 @@ class ImageHeader:
         width: Pixels across, as stored (before the orientation is applied).
         height: Pixels down, as stored.
         orientation: EXIF orientation, 1 to 8.
-        orientation_span: First and last byte (exclusive) of the orientation's value in a TIFF file, else None.
+        orientation_span: First and last byte (exclusive) of the orientation's value in a TIFF file, else
+            None.
     """
 
     format: str
@@ -41,7 +42,8 @@ class ImageHeader:
 
 
 def read_header(data: bytes) -> ImageHeader:
-    """Header of an image file; raises BrokenImage where the file is no image of these formats or is incomplete."""
+    """Header of an image file; raises BrokenImage where the file is no image of these formats or is
+    incomplete."""
     try:
         if data.startswith(b"\x89PNG\r\n\x1a\n"):
             return _png(data)

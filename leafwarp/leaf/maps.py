@@ -1,7 +1,7 @@
 """The maps of a leaf: which cells are leaf, and venation, stomata, water and source on them.
 
-Everything here is laid out as the simulation reads it: shape [ny, nx], row 0 at the bottom, values averaged over each
-cell.
+Everything here is laid out as the simulation reads it: shape [ny, nx], row 0 at the bottom, values averaged
+over each cell.
 """
 
 from __future__ import annotations
@@ -19,14 +19,19 @@ from .photo import Photo, read_grey
 from .veins import CONDUCTANCE_POWER, Branch, vein_likelihood, vein_tree
 
 RASTER_SIDE = 4096  # [pixels] bound of the fine raster that veins and coverage are drawn on
-VEIN_SIDE, VEIN_LONGEST = 480, 1600  # [pixels] geometric mean of the sides, and the long side, while seeking veins
+LEAST_RASTER = 1024  # [pixels] least side of it, however few the cells
+VEIN_SIDE, VEIN_LONGEST = (
+    480,
+    1600,
+)  # [pixels] geometric mean of the sides, and the long side, while seeking veins
 VEIN_STOMATA = 0.8  # share of the stomata that a main vein takes away
 PIECE_SHARE = 0.01  # a loose piece with this share of the leaf's cells is joined to it, a smaller one dropped
 
 
 @dataclass(frozen=True)
 class PixelFrame:
-    """The maps' rectangle in whole pixels of the photo: ``left``, ``top`` inclusive, ``right``, ``bottom`` exclusive."""
+    """The maps' rectangle in whole pixels of the photo: ``left``, ``top`` inclusive, ``right``, ``bottom``
+    exclusive."""
 
     left: int
     top: int
@@ -52,7 +57,11 @@ class PixelFrame:
 
 
 def make_maps(
-    photo: Photo, outline: Outline, frame: PixelFrame, map_size: tuple[int, int], maps: Mapping[str, str | float | Path]
+    photo: Photo,
+    outline: Outline,
+    frame: PixelFrame,
+    map_size: tuple[int, int],
+    maps: Mapping[str, str | float | Path],
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Mask and named maps.
 
@@ -87,7 +96,9 @@ def make_maps(
     if "source" in made:
         total = made["source"].sum()
         if total <= 0.0:
-            raise InputError(f"{maps['source']}: maps: source: it is black on the leaf; accepted: light where water enters")
+            raise InputError(
+                f"{maps['source']}: maps: source: it is black on the leaf; accepted: light where water enters"
+            )
         made["source"] = made["source"] / total
     return mask, made
 
@@ -99,10 +110,11 @@ def _cell(frame: PixelFrame, point: np.ndarray, map_size: tuple[int, int]) -> tu
 
 
 def _refinement(map_size: tuple[int, int], frame: PixelFrame, least: int) -> tuple[int, int]:
-    """Fine raster pixels a cell across and down: nearly square, at least so many where the raster's bound allows."""
+    """Fine raster pixels a cell across and down: nearly square, at least so many where the raster's bound
+    allows."""
     cell = np.divide(frame.size, map_size)
     wanted = np.maximum(least, np.rint(least * cell / cell.min()))
-    wanted = np.maximum(wanted, np.ceil(256.0 / np.array(map_size)))
+    wanted = np.maximum(wanted, np.ceil(LEAST_RASTER / np.array(map_size)))
     allowed = np.maximum(1, RASTER_SIDE // np.array(map_size))
     across, down = np.minimum(wanted, allowed).astype(int).tolist()
     return across, down
@@ -115,17 +127,24 @@ def _coverage(outline: Outline, frame: PixelFrame, map_size: tuple[int, int]) ->
     across, down = _refinement(map_size, frame, least=4)
     fine = np.zeros((map_size[1] * down, map_size[0] * across), np.uint8)
     corners = frame.cells(outline.points, map_size) * (across, down)
-    # The outline's pixels belong to OpenCV's filled polygon: draw it half a pixel smaller by shifting to centres.
     cv2.fillPoly(fine, [np.rint(corners * 256 - 128).astype(np.int32)], 255, shift=8)
-    share = cv2.resize(fine.astype(np.float32), map_size, interpolation=cv2.INTER_AREA) / 255.0
-    return share[::-1].astype(np.float64)
+    return _cell_means(fine, map_size)
+
+
+def _cell_means(fine: np.ndarray, map_size: tuple[int, int]) -> np.ndarray:
+    """Means over the cells of a fine 8-bit raster (top row first), in [0, 1], bottom row first, shape [ny,
+    nx]."""
+    import cv2
+
+    means = cv2.resize(fine.astype(np.float32), map_size, interpolation=cv2.INTER_AREA)[::-1] / 255.0
+    return np.clip(means.astype(np.float64), 0.0, 1.0)  # the resampling overshoots by a rounding error
 
 
 def leaf_cells(coverage: np.ndarray, base: tuple[int, int], tip: tuple[int, int]) -> np.ndarray:
     """Leaf cells as one 4-connected region that holds the base and the tip.
 
-    Cells at least half covered are leaf. Where a petiole, a tip or a lobe is too thin for that, the piece is joined to
-    the largest one along the path of best coverage.
+    Cells at least half covered are leaf. Where a petiole, a tip or a lobe is too thin for that, the piece is
+    joined to the largest one along the path of best coverage.
 
     Args:
         coverage: Share of each cell that is leaf, shape [ny, nx].
@@ -142,7 +161,9 @@ def leaf_cells(coverage: np.ndarray, base: tuple[int, int], tip: tuple[int, int]
     sizes[0] = 0
     main = int(np.argmax(sizes)) if sizes.any() else int(labels[base])
     joined = labels == main
-    wanted = {int(labels[base]), int(labels[tip])} | set(np.nonzero(sizes >= PIECE_SHARE * sizes.sum())[0].tolist())
+    wanted = {int(labels[base]), int(labels[tip])} | set(
+        np.nonzero(sizes >= PIECE_SHARE * sizes.sum())[0].tolist()
+    )
     for label in sorted(wanted - {main, 0}, key=lambda label: (-sizes[label], label)):
         piece = labels == label
         if (joined & piece).any():
@@ -155,7 +176,8 @@ def leaf_cells(coverage: np.ndarray, base: tuple[int, int], tip: tuple[int, int]
 
 
 def _path(coverage: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list[tuple[int, int]]:
-    """Cells of the cheapest 4-connected path from one region to another; bare cells cost a hundred covered ones."""
+    """Cells of the cheapest 4-connected path from one region to another; bare cells cost a hundred covered
+    ones."""
     rows, columns = coverage.shape
     cost = {(int(row), int(column)): 0.0 for row, column in zip(*np.nonzero(start), strict=True)}
     heap = [(0.0, cell) for cell in cost]
@@ -201,7 +223,9 @@ def find_veins(photo: Photo, outline: Outline) -> list[Branch]:
     return [Branch(branch.points / scales + low, branch.flow) for branch in branches]
 
 
-def _draw(branches: list[Branch], outline: Outline, frame: PixelFrame, map_size: tuple[int, int]) -> np.ndarray:
+def _draw(
+    branches: list[Branch], outline: Outline, frame: PixelFrame, map_size: tuple[int, int]
+) -> np.ndarray:
     """Flow capacity of the cells: Q to the power 4/3 * 0.35, drawn antialiased and at least two cells wide.
 
     A vein narrower than two cells would conduct according to how it happens to lie between cell centres.
@@ -210,7 +234,9 @@ def _draw(branches: list[Branch], outline: Outline, frame: PixelFrame, map_size:
 
     across, down = _refinement(map_size, frame, least=3)
     fine = np.zeros((map_size[1] * down, map_size[0] * across), np.uint8)
-    pixel = float(np.mean(np.divide(frame.size, (fine.shape[1], fine.shape[0]))))  # photo pixels, nearly isotropic
+    pixel = float(
+        np.mean(np.divide(frame.size, (fine.shape[1], fine.shape[0])))
+    )  # photo pixels, nearly isotropic
     cell = max(np.divide(frame.size, map_size))
     widest = min(0.6 * outline.petiole_width, 0.02 * outline.length)  # a midrib is narrower than the petiole
     narrowest = min(2.0 * cell, 0.06 * outline.length)
@@ -225,12 +251,12 @@ def _draw(branches: list[Branch], outline: Outline, frame: PixelFrame, map_size:
         thickness = max(1, round(max(widest * flow ** (1.0 / 3.0), narrowest) / pixel))
         value = max(1, round(255.0 * flow**CONDUCTANCE_POWER))
         cv2.line(fine, start.tolist(), end.tolist(), value, thickness, cv2.LINE_AA, 8)
-    drawn = cv2.resize(fine.astype(np.float32), map_size, interpolation=cv2.INTER_AREA) / 255.0
-    return drawn[::-1].astype(np.float64)
+    return _cell_means(fine, map_size)
 
 
 def _source(outline: Outline, frame: PixelFrame, map_size: tuple[int, int], mask: np.ndarray) -> np.ndarray:
-    """Cells within half a petiole's width of the base, those at the rim in part; at least the base's own cell."""
+    """Cells within half a petiole's width of the base, those at the rim in part; at least the base's own
+    cell."""
     radius = float(np.clip(0.5 * outline.petiole_width, 0.005 * outline.length, 0.03 * outline.length))
     cell = np.divide(frame.size, map_size)
     x = frame.left + (np.arange(map_size[0]) + 0.5) * cell[0] - outline.base[0]
@@ -254,8 +280,8 @@ def _from_image(path: Path, photo: Photo, frame: PixelFrame, map_size: tuple[int
 def interval_means(values: np.ndarray, bounds: np.ndarray) -> np.ndarray:
     """Means over intervals, along axis 0, of the straight lines through samples at pixel centres.
 
-    Exact for any ratio of interval to pixel, finer or coarser, so that a linear ramp is met at the interval's middle.
-    Beyond the first and last sample the value stays.
+    Exact for any ratio of interval to pixel, finer or coarser, so that a linear ramp is met at the interval's
+    middle. Beyond the first and last sample the value stays.
 
     Args:
         values: Samples; sample k stands at k + 0.5, shape [count, ...].

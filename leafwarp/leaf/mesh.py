@@ -42,9 +42,13 @@ def mesh_from_triangles(positions: np.ndarray, triangles: np.ndarray) -> LeafMes
     positions = np.ascontiguousarray(positions, np.float64)
     triangles = np.ascontiguousarray(triangles, np.int32)
     if positions.ndim != 2 or positions.shape[1] != 2 or not np.isfinite(positions).all():
-        raise InputError(f"mesh: positions of shape {positions.shape} are not accepted; accepted: finite, [count, 2]")
+        raise InputError(
+            f"mesh: positions of shape {positions.shape} are not accepted; accepted: finite, [count, 2]"
+        )
     if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0:
-        raise InputError(f"mesh: triangles of shape {triangles.shape} are not accepted; accepted: [count >= 1, 3]")
+        raise InputError(
+            f"mesh: triangles of shape {triangles.shape} are not accepted; accepted: [count >= 1, 3]"
+        )
     _refuse_bad_indices(triangles, len(positions))
     topology = _topology(positions, triangles)
     areas = _signed_areas(positions, triangles)
@@ -67,9 +71,9 @@ def mesh_from_triangles(positions: np.ndarray, triangles: np.ndarray) -> LeafMes
 def check_disc(mesh: LeafMesh) -> MeshQuality:
     """Check that a mesh is one flat disc, and measure its triangles.
 
-    One connected piece with one boundary loop and V - E + F = 1; every edge in one or two triangles, run through in
-    opposite directions by the two; no triangle uses a vertex twice or is clockwise; no vertex is unused or joins two
-    pieces like the middle of an hourglass.
+    One connected piece with one boundary loop and V - E + F = 1; every edge in one or two triangles, run
+    through in opposite directions by the two; no triangle uses a vertex twice or is clockwise; no vertex is
+    unused or joins two pieces like the middle of an hourglass.
 
     Raises:
         InputError: One of these fails; the message names the first offender.
@@ -79,7 +83,9 @@ def check_disc(mesh: LeafMesh) -> MeshQuality:
     areas = _signed_areas(mesh.positions, triangles)
     if (areas <= 0.0).any():
         bad = int(np.argmin(areas))
-        raise InputError(f"mesh: triangle {bad} {triangles[bad].tolist()} has area {areas[bad]:.3g}, is not counter-clockwise")
+        raise InputError(
+            f"mesh: triangle {bad} {triangles[bad].tolist()} is not counter-clockwise: area {areas[bad]:.3g}"
+        )
     topology = _topology(mesh.positions, triangles)
     shared = np.bincount(topology.edges_unique_inverse)
     if shared.max() > 2:
@@ -87,7 +93,9 @@ def check_disc(mesh: LeafMesh) -> MeshQuality:
         raise InputError(f"mesh: edge {bad} belongs to {shared.max()} triangles; accepted: 1 or 2")
     directed = topology.edges.astype(np.int64) @ np.array([mesh.vertex_count, 1])
     if len(np.unique(directed)) < len(directed):
-        raise InputError("mesh: two triangles run through a shared edge in the same direction; orientation differs")
+        raise InputError(
+            "mesh: two triangles run through a shared edge in the same direction; orientation differs"
+        )
     _check_boundary(topology.edges[shared[topology.edges_unique_inverse] == 1])
     pieces = 1 + int(topology_labels(topology).max())
     if pieces != 1:
@@ -114,7 +122,9 @@ def _topology(positions: np.ndarray, triangles: np.ndarray) -> trimesh.Trimesh:
 
 def _refuse_bad_indices(triangles: np.ndarray, vertex_count: int) -> None:
     if triangles.min() < 0 or triangles.max() >= vertex_count:
-        raise InputError(f"mesh: vertex index {triangles.max()} is not accepted; accepted: 0 to {vertex_count - 1}")
+        raise InputError(
+            f"mesh: vertex index {triangles.max()} is not accepted; accepted: 0 to {vertex_count - 1}"
+        )
     repeated = (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
     if repeated.any():
         bad = int(np.argmax(repeated))
@@ -137,14 +147,17 @@ def _check_boundary(boundary: np.ndarray) -> None:
     while steps == 0 or (vertex != first and steps <= len(boundary)):
         vertex, steps = successor[vertex], steps + 1
     if steps != len(boundary):
-        raise InputError(f"mesh: its boundary is more than one loop ({steps} of {len(boundary)} edges in the first)")
+        raise InputError(
+            f"mesh: its boundary is more than one loop ({steps} of {len(boundary)} edges in the first)"
+        )
 
 
 def _hinges(triangles: np.ndarray, edge_of: np.ndarray) -> np.ndarray:
-    """Angular springs in the order of their edges: (a, b) as its first triangle runs through it, and the opposites.
+    """Angular springs in the order of their edges: (a, b) as its first triangle runs through it, and the
+    opposites.
 
-    The sign of the angle follows that direction. An edge stored as (low index, high index) instead would flip the
-    sign of half of the angles.
+    The sign of the angle follows that direction. An edge stored as (low index, high index) instead would flip
+    the sign of half of the angles.
     """
     directed = triangles[:, [0, 1, 1, 2, 2, 0]].reshape(-1, 2)  # the order of trimesh's ``edges``
     opposite = triangles[:, [2, 0, 1]].ravel()
@@ -164,7 +177,8 @@ def _quality(mesh: LeafMesh, areas: np.ndarray) -> MeshQuality:
     corners = mesh.positions[mesh.triangles]
     sides = np.linalg.norm(np.roll(corners, -1, axis=1) - corners, axis=2)
     product, half = sides.prod(axis=1), 0.5 * sides.sum(axis=1)
-    # The smallest angle faces the shortest side: sin = 2 area * shortest / product; it never exceeds 60 degrees.
+    # The smallest angle faces the shortest side: sin = 2 area * shortest / product; it never exceeds 60
+    # degrees.
     sine = 2.0 * areas * sides.min(axis=1) / product
     edges = np.linalg.norm(np.subtract(*mesh.positions[mesh.edges.T]), axis=1)
     return MeshQuality(

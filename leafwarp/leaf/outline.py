@@ -14,9 +14,17 @@ from .photo import Photo
 from .segment import Silhouette
 
 STALK_SIDE = 512  # [pixels] bound of the long side while looking for the petiole
-STALK_OPENINGS = (0.1, 0.16, 0.24, 0.34, 0.45)  # radii that a stalk vanishes under, as shares of the blade's inradius
+STALK_OPENINGS = (
+    0.1,
+    0.16,
+    0.24,
+    0.34,
+    0.45,
+)  # radii that a stalk vanishes under, as shares of the blade's inradius
 STALK_SLENDERNESS = 2.2  # least length over width
-STALK_EVENNESS = 0.55  # least width near the tip over width near the blade; an acuminate tip tapers to nothing
+STALK_EVENNESS = (
+    0.55  # least width near the tip over width near the blade; an acuminate tip tapers to nothing
+)
 STALK_LENGTH = 0.035  # least length, as a share of the leaf's extent
 
 
@@ -25,8 +33,9 @@ class Outline:
     """Boundary of a leaf.
 
     Attributes:
-        points: Corners of a closed polygon without self-contact, about half a pixel apart (of the silhouette), shape
-            [count, 2]. Seen with y down they run counter-clockwise or clockwise as the tracer left them.
+        points: Corners of a closed polygon without self-contact, about half a pixel apart (of the
+            silhouette), shape [count, 2]. Seen with y down they run counter-clockwise or clockwise as the
+            tracer left them.
         base: The petiole's end, a point of the polygon.
         tip: The point of the polygon farthest from the base.
         petiole_width: Width of the leaf near the base.
@@ -63,7 +72,12 @@ def find_outline(photo: Photo, shape: Silhouette, base: tuple[float, float] | No
             found = base_by_veins(photo, shape, points)
     else:
         found = np.asarray(base, float)
-        if found.shape != (2,) or not np.isfinite(found).all() or (found < 0).any() or (found > photo.size).any():
+        if (
+            found.shape != (2,)
+            or not np.isfinite(found).all()
+            or (found < 0).any()
+            or (found > photo.size).any()
+        ):
             raise InputError(
                 f"{photo.path}: base: value {base!r} is not accepted; accepted: x, y in pixels of the photo, "
                 f"within {photo.size[0]} x {photo.size[1]}"
@@ -77,8 +91,8 @@ def find_outline(photo: Photo, shape: Silhouette, base: tuple[float, float] | No
 def trace(shape: Silhouette) -> np.ndarray:
     """Sub-pixel boundary of the silhouette's field in photo pixels, shape [count, 2].
 
-    The field is refined by bilinear interpolation, cut at zero, rid of one-pixel threads (so that the polygon never
-    touches itself) and smoothed along its arc by about one pixel.
+    The field is refined by bilinear interpolation, cut at zero, rid of one-pixel threads (so that the polygon
+    never touches itself) and smoothed along its arc by about one pixel.
     """
     import cv2
 
@@ -98,7 +112,8 @@ def trace(shape: Silhouette) -> np.ndarray:
 
 
 def smooth_closed(points: np.ndarray, sigma: float) -> np.ndarray:
-    """A closed polygon, evenly resampled, convolved along its arc with a Gaussian of sigma (in its mean steps)."""
+    """A closed polygon, evenly resampled, convolved along its arc with a Gaussian of sigma (in its mean
+    steps)."""
     points = resample_closed(points, len(points))
     frequency = np.fft.rfftfreq(len(points))
     gain = np.exp(-2.0 * (np.pi * frequency * sigma) ** 2)
@@ -140,12 +155,13 @@ def stalk_end(shape: Silhouette) -> np.ndarray | None:
             box = np.s_[top : top + down, left : left + across]
             length, end = _as_stalk(labels[box] == label, reach[box])
             if length > best_length * 1.05:
-                best_length, best_end = length, end + (left, top)
+                best_length, best_end = length, np.add(end, (left, top))
     return None if best_end is None else best_end * (width / size[0], height / size[1]) * shape.scale
 
 
 def _as_stalk(piece: np.ndarray, reach: np.ndarray) -> tuple[float, np.ndarray | None]:
-    """Length and end of a piece if it is a stalk, else (0, None). ``reach`` is the distance from the blade."""
+    """Length and end of a piece if it is a stalk, else (0, None). ``reach`` is the distance from the
+    blade."""
     rows, columns = np.nonzero(piece)
     distance = reach[rows, columns]
     length = distance.max()

@@ -70,8 +70,8 @@ def read_photo(path: Path, data: bytes | None = None, minimum_side: int = MINIMU
         minimum_side: Least width and height accepted, in pixels.
 
     Raises:
-        InputError: The file is no image, incomplete, corrupt, too small or larger than 150 megapixels. The declared
-            size is checked before anything is decoded.
+        InputError: The file is no image, incomplete, corrupt, too small or larger than 150 megapixels. The
+            declared size is checked before anything is decoded.
     """
     colour, alpha = _colour_and_alpha(_eight_bit(_read_pixels(Path(path), data, minimum_side)))
     return Photo(Path(path), colour, alpha)
@@ -91,7 +91,8 @@ def read_grey(path: Path, data: bytes | None = None) -> np.ndarray:
 
 
 def _read_pixels(path: Path, data: bytes | None, minimum_side: int) -> np.ndarray:
-    """Upright pixels as stored (any depth, blue first), the declared size checked before anything is decoded."""
+    """Upright pixels as stored (any depth, blue first), the declared size checked before anything is
+    decoded."""
     path = Path(path)
     data = read_bytes(path) if data is None else data
     try:
@@ -119,7 +120,8 @@ def _decode(data: bytes, header: ImageHeader) -> np.ndarray | None:
         upright = (1).to_bytes(last - first, "little" if data[:2] == b"II" else "big")
         data = data[:first] + upright + data[last:]
     level = cv2.utils.logging.getLogLevel()
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)  # the decoder's own complaints on stderr; ours is the message that counts
+    # The decoder would print complaints of its own; ours is the message that counts.
+    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
         return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
     except cv2.error:
@@ -129,7 +131,8 @@ def _decode(data: bytes, header: ImageHeader) -> np.ndarray | None:
 
 
 def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """Undo the camera's turn: EXIF orientations 5 to 8 are transposed, then mirrored along one or both axes."""
+    """Undo the camera's turn: EXIF orientations 5 to 8 are transposed, then mirrored along one or both
+    axes."""
     if orientation >= 5:
         pixels = pixels.swapaxes(0, 1)
     if orientation in (2, 3, 6, 7):
@@ -154,7 +157,9 @@ def _colour_and_alpha(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray | None
     if pixels.ndim == 2:
         return cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB), None
     if pixels.shape[2] == 2:
-        return cv2.cvtColor(np.ascontiguousarray(pixels[..., 0]), cv2.COLOR_GRAY2RGB), _varying(pixels[..., 1])
+        return cv2.cvtColor(np.ascontiguousarray(pixels[..., 0]), cv2.COLOR_GRAY2RGB), _varying(
+            pixels[..., 1]
+        )
     if pixels.shape[2] == 4:
         return cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), _varying(pixels[..., 3])
     return cv2.cvtColor(pixels[..., :3], cv2.COLOR_BGR2RGB), None

@@ -1,8 +1,8 @@
 """Which part of the picture is the leaf.
 
-The border of the picture shows the background: its colours, clustered in Lab, and darkened copies of them (a shadow
-changes the lightness of paper far more than its chromaticity) form the background model. The distance of every pixel
-to the nearest model colour is split by Otsu's threshold; the largest piece is the leaf.
+The border of the picture shows the background: its colours, clustered in Lab, and darkened copies of them (a
+shadow changes the lightness of paper far more than its chromaticity) form the background model. The distance
+of every pixel to the nearest model colour is split by Otsu's threshold; the largest piece is the leaf.
 """
 
 from __future__ import annotations
@@ -32,7 +32,8 @@ class Silhouette:
     """The leaf's shape as a smooth field.
 
     Attributes:
-        field: Positive on the leaf, negative off it, in [-1, 1], top row first, shape [height, width], float32.
+        field: Positive on the leaf, negative off it, in [-1, 1], top row first, shape [height, width],
+            float32.
         scale: Photo pixels per pixel of the field, (x, y).
     """
 
@@ -68,7 +69,9 @@ def silhouette(photo: Photo, mask: np.ndarray | None = None, mask_path: Path | N
         field = 2.0 * cv2.resize(mask.astype(np.float32), size, interpolation=cv2.INTER_AREA) - 1.0
         inside = _largest_piece(field > 0.0)
         if np.count_nonzero(inside) < 16:
-            raise InputError(f"{mask_path or photo.path}: mask: no leaf in it; accepted: a mask that is light on the leaf")
+            raise InputError(
+                f"{mask_path or photo.path}: mask: no leaf in it; accepted: a mask that is light on the leaf"
+            )
     else:
         colour = cv2.resize(photo.colour, size, interpolation=cv2.INTER_AREA)
         field, inside = _against_background(photo, colour)
@@ -86,7 +89,8 @@ def _against_background(photo: Photo, colour: np.ndarray) -> tuple[np.ndarray, n
     distance = _distance(lab, _background_colours(lab))
     threshold = max(_otsu(distance), LEAST_THRESHOLD)
     certain = distance > threshold
-    # A thin petiole differs less than the blade (blur mixes it with paper): follow it from the blade outwards.
+    # A thin petiole differs less than the blade (blur mixes it with paper): follow it from the blade
+    # outwards.
     likely = distance > max(0.55 * threshold, LEAST_THRESHOLD)
     likely = cv2.morphologyEx(likely.astype(np.uint8), cv2.MORPH_CLOSE, np.ones((3, 3), np.uint8)) > 0
     blade = _largest_piece(certain)
@@ -96,7 +100,8 @@ def _against_background(photo: Photo, colour: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _near(blade: np.ndarray, likely: np.ndarray) -> np.ndarray:
-    """Thin stretches of the likely pixels: what an opening removes. A broad faint patch is a shadow, not a petiole."""
+    """Thin stretches of the likely pixels: what an opening removes. A broad faint patch is a shadow, not a
+    petiole."""
     import cv2
 
     radius = max(2, round(0.012 * max(blade.shape)))

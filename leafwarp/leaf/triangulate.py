@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 
 from ..errors import InputError
@@ -24,8 +26,8 @@ def triangulate(outline: np.ndarray, tip: np.ndarray, vertices: int) -> LeafMesh
     """Triangulate a leaf uniformly.
 
     Args:
-        outline: Corners of the closed outline [m], shape [count, 2], y up, the petiole base at the origin (on the
-            outline).
+        outline: Corners of the closed outline [m], shape [count, 2], y up, the petiole base at the origin (on
+            the outline).
         tip: Point of the outline farthest from the base [m], shape [2].
         vertices: Number of vertices asked for; met within 1 % (or one vertex).
 
@@ -40,10 +42,13 @@ def triangulate(outline: np.ndarray, tip: np.ndarray, vertices: int) -> LeafMesh
     area = 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
     perimeter = np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1).sum()
     # V = 1 + (F + B)/2 with F = area / (sqrt(3)/4 h^2) triangles and B = perimeter / h boundary edges.
-    edge = (perimeter + np.sqrt(perimeter**2 + 32.0 / np.sqrt(3.0) * area * (vertices - 1))) / (4.0 * (vertices - 1))
+    edge = (perimeter + np.sqrt(perimeter**2 + 32.0 / np.sqrt(3.0) * area * (vertices - 1))) / (
+        4.0 * (vertices - 1)
+    )
     best, best_error, polygon = None, np.inf, None
     for _ in range(TRIES):
-        # Near the target the boundary stays as it is: another choice of teeth would change the count by leaps.
+        # Near the target the boundary stays as it is: another choice of teeth would change the count by
+        # leaps.
         if best_error > KEEP_BOUNDARY:
             polygon = boundary_polygon(outline, tip, edge)
         positions, triangles = _fill(polygon, edge)
@@ -54,8 +59,8 @@ def triangulate(outline: np.ndarray, tip: np.ndarray, vertices: int) -> LeafMesh
             break
         edge *= np.sqrt(len(positions) / vertices)
     positions, triangles = best
-    # By distance from the base: neighbours are then near in memory too (the front is as narrow as the leaf is wide),
-    # and vertex 0 is the base.
+    # By distance from the base: neighbours are then near in memory too (the front is as narrow as the leaf is
+    # wide), and vertex 0 is the base.
     order = np.argsort(np.hypot(*positions.T), kind="stable")
     rank = np.empty(len(order), np.int64)
     rank[order] = np.arange(len(order))
@@ -67,8 +72,9 @@ def triangulate(outline: np.ndarray, tip: np.ndarray, vertices: int) -> LeafMesh
 def boundary_polygon(outline: np.ndarray, tip: np.ndarray, edge: float) -> np.ndarray:
     """Outline with points about one edge length apart, fit to be filled with triangles of that size.
 
-    Base (the first point, the origin) and tip are kept; so are teeth and notches of at least the edge length. Notches
-    narrower than an edge are closed and a petiole thinner than an edge is widened: triangles of the asked size could
+    Base (the first point, the origin) and tip are kept; so are teeth and notches of at least the edge length.
+    Notches narrower than an edge are closed and a petiole thinner than an edge is widened: triangles of the
+        asked size could
     not stand there.
     """
     fit = _fit_to_edge(outline, edge)
@@ -78,12 +84,15 @@ def boundary_polygon(outline: np.ndarray, tip: np.ndarray, edge: float) -> np.nd
         count = max(8, round(np.linalg.norm(np.roll(fit, -1, axis=0) - fit, axis=1).sum() / edge))
         polygon = resample_closed(anchored, count)
         if not _is_simple(polygon):
-            raise InputError("mesh: the outline crosses itself at this edge length; accepted: more vertices, or a mask")
+            raise InputError(
+                "mesh: the outline crosses itself at this edge length; accepted: more vertices, or a mask"
+            )
     return polygon
 
 
 def _fit_to_edge(outline: np.ndarray, edge: float) -> np.ndarray:
-    """Outline with narrow notches closed and thin parts widened, counter-clockwise, some 10 points an edge."""
+    """Outline with narrow notches closed and thin parts widened, counter-clockwise, some 10 points an
+    edge."""
     import cv2
 
     pixel, pad = edge / RASTER, 2 * RASTER
@@ -108,13 +117,15 @@ def _widening(inside: np.ndarray) -> np.ndarray:
     radius = 0.5 * NARROWEST_STRIP * RASTER
     depth = cv2.distanceTransform(inside, cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
     thin = inside & (cv2.distanceTransform((depth <= radius).astype(np.uint8), cv2.DIST_L2, 5) > radius + 1.0)
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(thin.astype(np.uint8), connectivity=8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(thin.astype(np.uint8), connectivity=8)
     long = np.hypot(stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]) > 1.5 * RASTER
     long[0] = False
     # The middle: no deeper pixel beside it across at least one direction.
     middle = np.zeros(inside.shape, bool)
     for step in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        middle |= (depth >= np.roll(depth, step, (0, 1))) & (depth >= np.roll(depth, (-step[0], -step[1]), (0, 1)))
+        middle |= (depth >= np.roll(depth, step, (0, 1))) & (
+            depth >= np.roll(depth, (-step[0], -step[1]), (0, 1))
+        )
     middle &= (inside > 0) & long[labels] & (depth >= 0.75 * cv2.dilate(depth, np.ones((5, 5), np.uint8)))
     return cv2.dilate(middle.astype(np.uint8), _disc(radius)) if middle.any() else np.zeros_like(inside)
 
@@ -135,7 +146,8 @@ def _insert(points: np.ndarray, point: np.ndarray, edge: float) -> np.ndarray:
 
 
 def _corners(points: np.ndarray, tip: np.ndarray, edge: float) -> np.ndarray:
-    """Indices of the points to keep, ascending from 0: base, tip, and sharp turns not too near to one another."""
+    """Indices of the points to keep, ascending from 0: base, tip, and sharp turns not too near to one
+    another."""
     count = len(points)
     step = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     arc = np.concatenate([[0.0], np.cumsum(step)])
@@ -165,7 +177,7 @@ def _resample_between(points: np.ndarray, corners: np.ndarray, edge: float) -> n
     at = np.concatenate(
         [
             np.linspace(first, last, max(1, round((last - first) / edge)), endpoint=False)
-            for first, last in zip(bounds[:-1], bounds[1:], strict=True)
+            for first, last in pairwise(bounds.tolist())
         ]
     )
     return np.column_stack([np.interp(at, arc, closed[:, 0]), np.interp(at, arc, closed[:, 1])])
@@ -179,7 +191,9 @@ def _is_simple(polygon: np.ndarray) -> bool:
     a, b = polygon, np.roll(polygon, -1, axis=0)
 
     def side(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
-        return (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1]) - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0])
+        return (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1]) - (q[..., 1] - p[..., 1]) * (
+            r[..., 0] - p[..., 0]
+        )
 
     for index in range(count):
         others = np.arange(index + 2, count - (index == 0))
@@ -190,7 +204,8 @@ def _is_simple(polygon: np.ndarray) -> bool:
 
 
 def _fill(polygon: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and triangles of a counter-clockwise polygon; the first polygon point is exactly the first vertex."""
+    """Positions and triangles of a counter-clockwise polygon; the first polygon point is exactly the first
+    vertex."""
     import netgen.meshing
     from netgen.geom2d import SplineGeometry
 
@@ -204,7 +219,9 @@ def _fill(polygon: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
     except Exception as error:  # netgen raises its own type with a text of its own
         raise InputError(f"mesh: the outline cannot be filled with triangles: {error}") from error
     positions = np.array([tuple(point.p)[:2] for point in filled.Points()]) * edge
-    triangles = np.array([[vertex.nr for vertex in face.vertices] for face in filled.Elements2D()], np.int64) - 1
+    triangles = (
+        np.array([[vertex.nr for vertex in face.vertices] for face in filled.Elements2D()], np.int64) - 1
+    )
     if len(triangles) == 0:
         raise InputError("mesh: the outline cannot be filled with triangles")
     positions[np.argmin(np.hypot(*positions.T))] = 0.0

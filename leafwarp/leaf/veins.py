@@ -1,12 +1,12 @@
 """Veins of a photographed leaf: where they are, and how much of the leaf each one feeds.
 
 Likelihood: veins are paler and less green than the lamina, so they are bright ridges of
-``Lab a - 100 G/(R+G+B) + L/2``. A directional top-hat and a bank of elongated ridge filters are multiplied (geometric
-mean).
+``Lab a - 100 G/(R+G+B) + L/2``. A directional top-hat and a bank of elongated ridge filters are multiplied
+(geometric mean).
 
-Tree: shortest paths from the petiole base with cost ``1/(0.03 + v)^1.5`` per length; every pixel drains one unit down
-its path, and Q is the flow accumulated. That is one connected tree whatever the picture's noise. By Murray's law a
-vein's radius grows as Q^(1/3) and its conductance as Q^(4/3).
+Tree: shortest paths from the petiole base with cost ``1/(0.03 + v)^1.5`` per length; every pixel drains one
+unit down its path, and Q is the flow accumulated. That is one connected tree whatever the picture's noise. By
+Murray's law a vein's radius grows as Q^(1/3) and its conductance as Q^(4/3).
 """
 
 from __future__ import annotations
@@ -64,10 +64,13 @@ def vein_likelihood(colour: np.ndarray, inside: np.ndarray) -> np.ndarray:
 
 
 def _stalk_middle(inside: np.ndarray) -> np.ndarray:
-    """1 along the middle of parts too thin to show a vein (the petiole), falling to 0 at their margin; 0 elsewhere."""
+    """1 along the middle of parts too thin to show a vein (the petiole), falling to 0 at their margin; 0
+    elsewhere."""
     import cv2
 
-    margin = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
+    margin = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)[
+        1:-1, 1:-1
+    ]
     reach = 2 * int(np.ceil(THIN * max(inside.shape))) + 1
     deepest = cv2.dilate(margin, np.ones((reach, reach), np.uint8))
     thin = deepest < 0.5 * THIN * max(inside.shape)
@@ -99,7 +102,8 @@ def _directional_top_hat(channel: np.ndarray) -> np.ndarray:
 
 
 def _ridge_bank(channel: np.ndarray) -> np.ndarray:
-    """Largest response of second-derivative Gaussians, long along the ridge, over directions and two widths."""
+    """Largest response of second-derivative Gaussians, long along the ridge, over directions and two
+    widths."""
     import cv2
 
     best = np.zeros_like(channel)
@@ -171,7 +175,8 @@ def vein_tree(likelihood: np.ndarray, inside: np.ndarray, base: np.ndarray) -> l
 
 
 def accumulate(cost: np.ndarray, predecessor: np.ndarray) -> np.ndarray:
-    """Share of all pixels that drain through each one, shape [count]; pixels farther than their predecessor."""
+    """Share of all pixels that drain through each one, shape [count]; pixels farther than their
+    predecessor."""
     flow = np.isfinite(cost).astype(float).tolist()
     parents = predecessor.tolist()
     for pixel in np.argsort(-np.where(np.isfinite(cost), cost, -1.0), kind="stable").tolist():
