@@ -22,6 +22,17 @@ def _frame_range(text: str) -> tuple[int, int]:
     return bounds
 
 
+def _duration(text: str) -> float:
+    from leafwarp.quantity import parse_quantity
+
+    # A person types "10m"; a scene writes "10 min".
+    spelled = text[:-1] + "min" if text.endswith("m") else text
+    try:
+        return parse_quantity(spelled, "time")
+    except ValueError as error:
+        raise argparse.ArgumentTypeError(f"'{text}' is not accepted; {error}") from None
+
+
 def _scene_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("scene", type=Path, help="scene file (TOML)")
     parser.add_argument("--set", action="append", default=[], metavar="KEY=VALUE", help="override a key of the scene")
@@ -53,6 +64,9 @@ def make_parser() -> argparse.ArgumentParser:
     tradeoff = verbs.add_parser("tradeoff", help="measure speed against accuracy on a scene")
     _scene_arguments(tradeoff)
     tradeoff.add_argument("-o", "--output", type=Path, required=True, help="folder of the table and the plot")
+    tradeoff.add_argument(
+        "--budget", type=_duration, default=600.0, metavar="TIME", help="wall time to use, such as 20m (default: 10 min)"
+    )
     tradeoff.add_argument("--overwrite", action="store_true", help="replace results that are there already")
     tradeoff.add_argument("--json", action="store_true", help="print the table as JSON instead of its path")
     tradeoff.set_defaults(action=_tradeoff)
@@ -113,6 +127,7 @@ def _tradeoff(arguments: argparse.Namespace) -> None:
         device=arguments.device,
         overwrite=arguments.overwrite,
         quiet=arguments.quiet,
+        budget=arguments.budget,
     )
     print(json.dumps(table) if arguments.json else arguments.output / "tradeoff.csv")
 

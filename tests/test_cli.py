@@ -117,7 +117,7 @@ def test_plan_json_lists_stages_and_what_is_left_out(small_scene: Path, capsys) 
     assert main(["plan", str(small_scene), "--json"]) == 0
     plan = json.loads(capsys.readouterr().out)
     names = [stage["name"] for stage in plan["stages"]]
-    assert names.index("transpiration") < names.index("diffusion") < names.index("edge_springs")
+    assert names.index("transpiration") < names.index("split_diffusion") < names.index("edge_springs")
     for stage in plan["stages"]:
         assert {"reads", "writes", "kernels", "bytes", "launches_per_frame", "purpose"} <= set(stage)
     assert "contact_sheet" in {entry["name"] for entry in plan["left_out"]}

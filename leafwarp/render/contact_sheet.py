@@ -26,6 +26,7 @@ LABEL_HEIGHT = 64
 LEGEND_HEIGHT = 84
 TALLEST_PANEL = 560
 SAMPLES = 2
+FEATHER = 0.05  # of a panel's shorter side; the leaf itself keeps clear of it
 
 
 def choose_frames(first: int, last: int, count: int = 8) -> tuple[int, ...]:
@@ -114,7 +115,7 @@ class ContactSheet:
             y += LABEL_HEIGHT
             self._place(sheet, (x, y), self._water_panel(frame, water_map, layout))
             y += layout.water_height + GAP
-            self._place(sheet, (x, y), renderer.render(frame.points, frame.normals))
+            self._place(sheet, (x, y), _feather(renderer.render(frame.points, frame.normals)))
         _draw_legend(sheet)
         return sheet
 
@@ -157,6 +158,15 @@ class ContactSheet:
         x, y = corner
         _write(sheet, (x + 4, y + 24), _duration(frame.plant_time), INK, 22, 600)
         _write(sheet, (x + 4, y + 48), f"water {100.0 * float(frame.water.mean()):.0f} %", FAINT_INK, 17, 400)
+
+
+def _feather(picture: np.ndarray) -> np.ndarray:
+    """A picture that fades into the paper at its edges, where a shadow would be cut."""
+    height, width = picture.shape[:2]
+    reach = FEATHER * min(width, height)
+    fades = [np.clip(np.minimum(np.arange(n) + 0.5, n - 0.5 - np.arange(n)) / reach, 0.0, 1.0) for n in (height, width)]
+    share = (fades[0][:, None] * fades[1])[..., None]
+    return np.round(share * picture + (1.0 - share) * np.array(PAPER)).astype(np.uint8)
 
 
 def _duration(seconds: float) -> str:

@@ -12,7 +12,7 @@ from leafwarp.errors import InputError
 from leafwarp_kernels import raycast
 
 # Toward the key light: from the upper left, behind the camera's shoulder.
-LIGHT = np.array([-0.45, 0.30, 0.84]) / np.linalg.norm([-0.45, 0.30, 0.84])
+LIGHT = np.array([-0.28, 0.22, 0.93]) / np.linalg.norm([-0.28, 0.22, 0.93])
 # From the leaf to the camera: from above the petiole, looking along the leaf.
 VIEW = np.array([0.12, -0.60, 0.79]) / np.linalg.norm([0.12, -0.60, 0.79])
 FIELD_OF_VIEW = np.radians(24.0)  # of the picture's longer side
@@ -85,7 +85,7 @@ class LeafRenderer:
         self._mesh: wp.Mesh | None = None
         self._camera: raycast.Camera | None = None
 
-    def frame(self, poses: Iterable[np.ndarray], margin: float = 0.06, view: np.ndarray = VIEW) -> None:
+    def frame(self, poses: Iterable[np.ndarray], margin: float = 0.08, view: np.ndarray = VIEW) -> None:
         """Place camera and ground so that every one of these poses is seen whole.
 
         Args:
