@@ -110,22 +110,14 @@ def test_launches_are_those_of_the_plan(census) -> None:
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "scenes").glob("*.toml")), ids=lambda p: p.stem)
-def test_every_array_read_is_written_by_some_stage(path: Path, planned_leaf) -> None:
-    plan = make_plan(load_scene(path), planned_leaf(load_scene(path)))
+def test_every_array_read_is_written_by_some_stage(path: Path, scene_leaf) -> None:
+    plan = make_plan(load_scene(path), scene_leaf(load_scene(path)))
     declared = {spec.name for spec in plan.arrays}
     assert len(declared) == len(plan.arrays)
     for stage in plan.stages:
         assert set(stage.reads) | set(stage.writes) <= declared, stage.name
     assert {s.name for s in plan.stages} | set(plan.left_out) == {c.name for c in CANDIDATES}
     assert not {s.name for s in plan.stages} & set(plan.left_out)
-
-
-@pytest.fixture(scope="session")
-def planned_leaf(tmp_path_factory: pytest.TempPathFactory):
-    from leafwarp.run import prepare_scene_leaf
-
-    cache = tmp_path_factory.mktemp("planned")
-    return lambda scene: prepare_scene_leaf(scene, cache)
 
 
 def test_an_array_declared_twice_is_an_error() -> None:

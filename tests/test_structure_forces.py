@@ -110,8 +110,8 @@ def test_a_rigid_motion_meets_no_force(device, precision):
     rig.put(damping_time=[1e-2])
     rest = np.column_stack((rig.leaf.mesh.positions, np.zeros(rig.leaf.mesh.vertex_count)))
     turn = rotation([1.0, 2.0, -0.5], 2.1)
-    rig.put(position=rest @ turn.T + [0.01, -0.02, 0.03])
-    rig.put(velocity=[*np.cross([3.0, -1.0, 2.0], rig.get("position")), 0.1, 0.2, 0.3])
+    rig.put(position=rest @ turn.T + np.array([0.01, -0.02, 0.03]))
+    rig.put(velocity=np.cross([3.0, -1.0, 2.0], rig.get("position")) + np.array([0.1, 0.2, 0.3]))
     # Next to the forces of a 10 % deformation.
     scale = 0.1 * np.max(rig.get("edge_stiffness") * rig.get("edge_rest_length"))
     assert np.abs(rig.forces("edge_springs")).max() < ROUNDING[precision] * scale

@@ -13,7 +13,7 @@ import warp as wp
 from leafwarp.errors import SimulationError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
-from leafwarp.sim.forces import PaperBending
+from leafwarp.sim.forces import Air, PaperBending
 from leafwarp.sim.launch import State
 from leafwarp.sim.stable_step import StableStep, step_limit
 from leafwarp.sim.stage import Stage
@@ -67,8 +67,8 @@ class Motion:
         substeps: Substeps of all frames so far, those of frames that were redone included.
         largest_substeps: Most substeps of a frame so far.
         retries: How often a frame was redone.
-        unbalanced_torque: Largest torque at the end of a frame that the paper's bending left unbalanced [N
-            m]; None where the scene does not bend that way.
+        unbalanced_torque: Largest torque at the end of a frame that the paper's bending left unbalanced
+            [N m]; None where the scene does not bend that way.
     """
 
     def __init__(self, scene: Scene, leaf: Leaf, state: State, stages: Sequence[Stage]):
@@ -80,7 +80,11 @@ class Motion:
         self._stages = [stage for stage in stages if stage.rate == "substep"]
         self._guard = next(stage for stage in stages if isinstance(stage, StableStep))
         self._paper = next((stage for stage in stages if isinstance(stage, PaperBending)), None)
-        self._graphs: dict[int, tuple[wp.Graph, int]] = {}
+        self._gravity = math.hypot(*(scene.motion.gravity or (0.0, 0.0, 0.0))) or STANDARD_GRAVITY
+        # Still air only slows the leaf on its way to rest; wind is a load, and its drag brings it to rest.
+        self._windy = scene.motion.wind is not None and scene.motion.drag > 0.0
+        self._settling = [stage for stage in self._stages if self._windy or not isinstance(stage, Air)]
+        self._graphs: dict[tuple[int, int], tuple[wp.Graph, int]] = {}
         self.substeps = 0
         self.largest_substeps = 0
         self.retries = 0
@@ -127,7 +131,7 @@ class Motion:
         needed = self.required_substeps(frame_duration)
         if needed > self._maximum:
             raise SimulationError(frame, "motion", self._refusal(needed))
-        used = self._advance_checked(frame_duration, needed, self._maximum, frame)
+        used = self._advance_checked(frame_duration, needed, self._maximum, frame, self._stages)
         self.largest_substeps = max(self.largest_substeps, used)
         if self._paper is not None:
             torque = float(np.linalg.norm(self._paper.net_torque()))
@@ -137,12 +141,12 @@ class Motion:
     def settle(self, tolerance: float = 1e-3) -> Settled:
         """Let the leaf come to rest under the forces of the moment; its velocities are zero afterwards.
 
-        Dynamic relaxation with the same forces and steps as the motion: whenever the kinetic energy has
-        passed a peak the leaf is stopped, near the bottom of the swing (Cundall 1976). It has come to rest
-        when it is let go and, for a quarter of the period of a pendulum of its length, its kinetic energy
-        does not reach that of a pendulum that swings by ``tolerance`` of its length. (Forces say less:
-        rounding of the positions alone leaves a good part of a vertex's weight on it, back and forth from
-        vertex to vertex.)
+        Dynamic relaxation by the forces of the motion but the drag of still air: when the kinetic energy
+        has passed a peak the leaf is stopped, near the bottom of the swing (Cundall 1976); in wind, the drag
+        alone brings it to rest. It has come to rest when it is let go and, for a quarter of the period of a
+        pendulum of its length, its kinetic energy does not reach that of a pendulum that swings by
+        ``tolerance`` of its length. (Forces say less: rounding of the positions alone leaves a good part of a
+        vertex's weight on it, back and forth from vertex to vertex.)
 
         Args:
             tolerance: Swing that counts as rest, as a share of the leaf's length.
@@ -152,8 +156,8 @@ class Motion:
         """
         velocity = self._state["velocity"]
         mass = self._state["mass"].numpy().astype(np.float64)
-        pendulum = mass.sum() * STANDARD_GRAVITY * self._length
-        quarter = 0.5 * math.pi * math.sqrt(self._length / STANDARD_GRAVITY)
+        pendulum = mass.sum() * self._gravity * self._length
+        quarter = 0.5 * math.pi * math.sqrt(self._length / self._gravity)
         most = max(SETTLING_BLOCK, self._maximum)
         substeps, before, calm, swing = 0, 0.0, 0.0, 0.0
         velocity.zero_()
@@ -162,7 +166,7 @@ class Motion:
             if not limit > 0.0:
                 raise SimulationError(0, "settling", self._refusal(math.inf))
             duration = min(SETTLING_BLOCK * limit, 0.1 * quarter)
-            substeps += self._advance_checked(duration, SETTLING_BLOCK, most, 0)
+            substeps += self._advance_checked(duration, SETTLING_BLOCK, most, 0, self._settling)
             energy = float(mass @ np.square(velocity.numpy().astype(np.float64)).sum(axis=1))
             now = math.sqrt(energy / pendulum)
             if now <= tolerance:
@@ -170,7 +174,7 @@ class Motion:
                 calm += duration
             else:
                 calm, swing = 0.0, now
-                if energy < before:
+                if energy < before and not self._windy:
                     velocity.zero_()
                     energy = 0.0
             before = energy
@@ -180,11 +184,13 @@ class Motion:
     def _limit(self) -> float:
         return step_limit(self._guard.largest_squared_frequency(), self._damping_time, self._drag)
 
-    def _advance_checked(self, duration: float, substeps: int, most: int, frame: int) -> int:
+    def _advance_checked(
+        self, duration: float, substeps: int, most: int, frame: int, stages: list[Stage]
+    ) -> int:
         """Run a span of playback time, redone with twice the substeps until nothing is wrong with it."""
         self._guard.save()
         while True:
-            self._run_substeps(substeps, duration / substeps)
+            self._run_substeps(substeps, duration / substeps, stages)
             problem = self._problem(duration / substeps)
             if problem is None:
                 return substeps
@@ -195,27 +201,28 @@ class Motion:
             substeps *= 2
             self.retries += 1
 
-    def _run_substeps(self, count: int, step: float) -> None:
+    def _run_substeps(self, count: int, step: float, stages: list[Stage]) -> None:
         """Run a power of two of substeps."""
         self._state.upload("time_step", np.array([step]))
         block = min(count, BLOCK)
-        graph, launches = self._block(block)
+        graph, launches = self._block(block, stages)
         for _ in range(count // block):
             wp.capture_launch(graph)
         self._state.launch_count += launches * (count // block)
         self.substeps += count
 
-    def _block(self, count: int) -> tuple[wp.Graph, int]:
+    def _block(self, count: int, stages: list[Stage]) -> tuple[wp.Graph, int]:
         """The graph of this many substeps, and its launches; captured when first asked for."""
-        if count not in self._graphs:
+        key = (count, len(stages))
+        if key not in self._graphs:
             before = self._state.launch_count
             with wp.ScopedCapture(device=self._state.device) as capture:
                 for _ in range(count):
-                    for stage in self._stages:
+                    for stage in stages:
                         stage.run()
-            self._graphs[count] = capture.graph, self._state.launch_count - before
+            self._graphs[key] = capture.graph, self._state.launch_count - before
             self._state.launch_count = before
-        return self._graphs[count]
+        return self._graphs[key]
 
     def _problem(self, step: float) -> str | None:
         """What is wrong with the span that was just run."""
@@ -233,7 +240,7 @@ class Motion:
         for stage in self._stages[:-1]:
             stage.run()
         force = np.linalg.norm(self._state["force"].numpy().astype(np.float64), axis=1)
-        weight = STANDARD_GRAVITY * self._state["mass"].numpy().astype(np.float64).mean()
+        weight = self._gravity * self._state["mass"].numpy().astype(np.float64).mean()
         return float(np.max(force, initial=0.0, where=~self._state["pinned"].numpy()) / weight)
 
     def _refusal(self, needed: float) -> str:

@@ -6,12 +6,16 @@ import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
 
 from leafwarp.errors import SimulationError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.simulation import Simulation
 from leafwarp.study.trial import Setting, Trial, with_setting
+
+if TYPE_CHECKING:
+    from leafwarp.sim.fluid import Fluid
 
 # From a map to one of twice the cells across: four times the cells; conjugate gradients also take twice the iterations.
 GROWTH = {"split": 4.0, "unsplit": 8.0}
@@ -37,7 +41,8 @@ class CostModel:
         scene: From :func:`leafwarp.study.trial.trial_scene`.
         leaf_of: Gives the leaf for a map size.
         device: Warp device.
-        longest_pilot: A step expected to take longer than this [s] is not tried but extrapolated from half the map.
+        longest_pilot: Where setting up and a step are expected to take longer than this [s], they are not tried
+            but extrapolated from half the map.
         smallest: Cells across of the smallest map; it is always tried.
     """
 
@@ -109,22 +114,30 @@ class CostModel:
     def _make_pilot(self, setting: Setting) -> _Pilot:
         if setting.cells_across > self._smallest:
             half = self._pilot(setting.coarsened(2))
-            expected = _Pilot(4.0 * half.start, GROWTH[setting.scheme] * half.step)
-            if expected.step > self._longest_pilot:
+            expected = _Pilot(2.0 * half.start, GROWTH[setting.scheme] * half.step)
+            if expected.start + expected.step > self._longest_pilot:
                 return expected
+        else:
+            # Loads the kernels, which no trial has to do again.
+            self._simulation(setting).advance(2)
         begin = time.perf_counter()
         simulation = self._simulation(setting)
         start = time.perf_counter() - begin
-        fluid = simulation.fluid
-        count = 0
+        return _Pilot(start, self._time_step(simulation.fluid))
+
+    def _time_step(self, fluid: Fluid) -> float:
+        """Wall time of a fluid step [s]: the best of a few, as other programs disturb single ones."""
+        best = math.inf
+        begin = time.perf_counter()
         try:
-            # The first step is not timed: it may load kernels.
             fluid.advance(fluid.steps.length)
-            begin = time.perf_counter()
-            while count < PILOT_STEPS and time.perf_counter() - begin < self._longest_pilot:
-                count += 1
-                fluid.advance((count + 1) * fluid.steps.length)
+            for count in range(PILOT_STEPS):
+                lap = time.perf_counter()
+                fluid.advance((count + 2) * fluid.steps.length)
+                best = min(best, time.perf_counter() - lap)
+                if time.perf_counter() - begin > self._longest_pilot:
+                    break
         except SimulationError:
             # The trial itself will say so.
-            count = max(count, 1)
-        return _Pilot(start, (time.perf_counter() - begin) / max(count, 1))
+            pass
+        return best if math.isfinite(best) else time.perf_counter() - begin

@@ -19,13 +19,11 @@ def relative_water_error(water: np.ndarray, reference: np.ndarray, areas: np.nda
         areas: Area of each vertex [m^2], shape [vertex_count].
 
     Returns:
-        The distance; infinite if the reference is bone dry throughout and the other is not.
+        The distance; relative to a saturated leaf if the reference is bone dry throughout.
     """
-    difference = np.sqrt((np.square(water.astype(np.float64) - reference) * areas).sum())
-    size = np.sqrt((np.square(reference.astype(np.float64)) * areas).sum())
-    if size == 0.0:
-        return 0.0 if difference == 0.0 else np.inf
-    return float(difference / size)
+    difference = (np.square(water.astype(np.float64) - reference) * areas).sum()
+    size = (np.square(reference.astype(np.float64)) * areas).sum() or len(water) * areas.sum()
+    return float(np.sqrt(difference / size))
 
 
 def largest_water_error(water: np.ndarray, reference: np.ndarray) -> float:

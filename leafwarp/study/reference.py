@@ -37,36 +37,44 @@ def unsplit_settings(maps: Sequence[tuple[int, int]], steps: Sequence[float]) ->
     return [Setting(size, step, "unsplit", "float64") for size, step in itertools.product(maps, steps)]
 
 
-def fit_error_model(
-    coarsest: Setting, long_step: float, run: Callable[[Setting], Trial], areas: np.ndarray
-) -> ErrorModel:
-    """Measure how the error depends on step and map by three cheap computations.
+def probe_settings(coarse: Setting, steps: Sequence[float]) -> tuple[Setting, Setting, Setting]:
+    """Three cheap computations that show how the error depends on step and map.
 
     Args:
-        coarsest: The coarsest candidate map, with a step shorter than ``long_step``.
-        long_step: A longer step [s].
-        run: Computes a setting.
+        coarse: A map that is coarse enough to be cheap.
+        steps: The steps at hand, rising [s].
+
+    Returns:
+        One with the longest step, one with a shorter step, one with half the map.
+    """
+    base = replace(coarse, step=steps[-1])
+    return base, replace(base, step=steps[-2] if len(steps) > 1 else steps[-1] / 2.0), base.coarsened(2)
+
+
+def fit_error_model(base: Trial, shorter: Trial, half: Trial, *, areas: np.ndarray) -> ErrorModel:
+    """The error model that the trials of :func:`probe_settings` show.
+
+    Args:
+        base: The first of them.
+        shorter: The one with a shorter step.
+        half: The one with half the map.
         areas: Area of each vertex [m^2].
     """
-    base = run(coarsest)
-    long = run(replace(coarsest, step=long_step))
-    half = run(coarsest.coarsened(2))
-    return ErrorModel(
-        per_second=relative_water_error(long.water, base.water, areas) / (long_step - coarsest.step),
-        per_cell=relative_water_error(half.water, base.water, areas) * coarsest.cells_across,
-    )
+    by_step = relative_water_error(base.water, shorter.water, areas) / (base.fluid_step - shorter.fluid_step)
+    by_map = relative_water_error(half.water, base.water, areas) * base.setting.cells_across
+    return ErrorModel(by_step, by_map)
 
 
-def rank(
+def choose_reference(
     candidates: Sequence[Setting], model: ErrorModel, cost: Callable[[Setting], float], affordable: float
-) -> list[Setting]:
-    """The candidates that can be paid, the most accurate first; the cheapest alone if none can.
+) -> Setting:
+    """The most accurate candidate that can be paid; the cheapest if none can.
 
     Args:
         candidates: From :func:`unsplit_settings`.
         model: What error to expect of them.
         cost: Predicted wall time of one [s].
-        affordable: Wall time at hand [s].
+        affordable: Wall time at hand, for the reference and its check [s].
     """
     paid = [c for c in candidates if cost(c) * (1.0 + CHECK_SHARE) <= affordable]
-    return sorted(paid, key=lambda c: (model.error(c), cost(c))) or [min(candidates, key=cost)]
+    return min(paid, key=lambda c: (model.error(c), cost(c)), default=min(candidates, key=cost))

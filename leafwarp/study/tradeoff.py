@@ -10,21 +10,22 @@ import platform
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict
-from importlib.metadata import version
+from dataclasses import asdict, replace
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from leafwarp import __version__
 from leafwarp.errors import InputError, OutputError, SimulationError
 from leafwarp.leaf.leaf import Leaf
-from leafwarp.run import CACHE_FOLDER, check_device, prepare_scene_leaf, write_text
+from leafwarp.run import CACHE_FOLDER, prepare_scene_leaf, write_text
 from leafwarp.scene import Scene
+from leafwarp.sim.launch import check_device
 from leafwarp.study.costs import CostModel
 from leafwarp.study.metrics import largest_water_error, pareto_front, relative_water_error, shape_error
-from leafwarp.study.reference import fit_error_model, rank, unsplit_settings
+from leafwarp.study.reference import ErrorModel, choose_reference, fit_error_model, probe_settings, unsplit_settings
 from leafwarp.study.table import Row, append_row, write_rows
 from leafwarp.study.trial import OutOfTime, Setting, Trial, film_seconds, run_trial, trial_scene
 
@@ -34,12 +35,14 @@ STEP_FACTORS = (0.25, 1.0, 4.0, 16.0)
 SCHEMES = ("split", "unsplit")
 PRECISIONS = ("float32", "float64")
 
+TABLE = "tradeoff.csv"
+
 DEFAULT_BUDGET = 600.0  # [s]
 # Shares of the budget.
 REFERENCE_SHARE = 0.4
 MOTION_SHARE = 0.3
 PROBE_SHARE = 0.1
-PILOT_SHARE = 0.003
+PILOT_SHARE = 0.005
 
 
 def run_tradeoff(
@@ -88,7 +91,7 @@ def run_tradeoff(
         )
     if not (math.isfinite(budget) and budget > 0.0):
         raise InputError(f"--budget {budget:g}: accepted: a time above 0, such as '10 min'")
-    table = output / "tradeoff.csv"
+    table = output / TABLE
     if table.exists() and not overwrite:
         raise InputError(f"{table}: exists already; --overwrite replaces it")
     can_plot = find_spec("matplotlib") is not None
@@ -107,7 +110,7 @@ def run_tradeoff(
     study = _Study(scene, output, device, budget, quiet, maps, step_factors)
     result = study.run()
     write_rows(table, study.rows)
-    write_text(output / "tradeoff.json", json.dumps(result, indent=1) + "\n")
+    write_text(output / "tradeoff.json", json.dumps(result, indent=1, allow_nan=False) + "\n")
     if can_plot:
         from leafwarp.study.plot import plot_tradeoff
 
@@ -147,6 +150,7 @@ class _Study:
         self._leaves: dict[tuple[int, int], Leaf] = {}
         self._trials: dict[Setting, Trial] = {}
         self._playback = film_seconds(scene)
+        self._trial_scene = trial_scene(scene, self._playback)
 
     def run(self) -> dict[str, Any]:
         """Do the study; fills ``rows`` and returns the result."""
@@ -155,20 +159,21 @@ class _Study:
             for size, step, scheme, precision in itertools.product(self._maps, self._steps, SCHEMES, PRECISIONS)
         ]
         self._costs = CostModel(
-            trial_scene(self._scene, self._playback),
+            self._trial_scene,
             self._leaf_of,
             self._device,
             PILOT_SHARE * self._budget,
-            max(1, max(self._maps[0]) // 2),
+            max(1, max(self._maps[0]) // 4),
         )
         self._say("timing a few steps of each map, scheme and precision")
         self._choose_playback(settings)
-        predicted = {setting: self._predict(setting) for setting in settings}
         reference = self._compute_reference()
-        for setting in sorted(settings, key=predicted.__getitem__):
+        own = self._errors(self._check, reference)
+        self._say(f"reference's own errors: water {own['water_error']:.2g}, shape {own['shape_error']:.2g}")
+        for setting in sorted(settings, key=self._predict):
             self._add_row(setting, reference)
-        self._mark()
-        return self._result()
+        self._mark(own)
+        return self._result(reference, own)
 
     # The clock.
 
@@ -213,25 +218,114 @@ class _Study:
         return self._trials[setting]
 
     def _compute_reference(self) -> Trial:
-        """Choose, compute and check the reference."""
+        """Choose, compute and check the reference.
+
+        Raises:
+            SimulationError: Not even the cheapest reference can be computed.
+        """
         candidates = unsplit_settings(self._maps, self._steps)
-        allotted = REFERENCE_SHARE * self._budget
-        ranked = self._rank(candidates, allotted)
-        end = self._spent + allotted
-        for index, setting in enumerate(ranked):
-            is_last = index == len(ranked) - 1
+        end = self._spent + REFERENCE_SHARE * self._budget
+        model = self._error_model(candidates)
+        while True:
+            setting = choose_reference(candidates, model, self._predict, end - self._spent)
+            is_cheapest = setting == min(candidates, key=self._predict)
             self._say(f"reference: {setting}, {self._predict(setting):.0f} s expected")
             try:
-                reference = self._run(setting, math.inf if is_last else 1.25 * (end - self._spent))
-                check = self._run(setting.coarsened(2, 2.0))
+                reference = self._run(setting, math.inf if is_cheapest else end - self._spent)
+                self._check = self._run(setting.coarsened(2, 2.0))
+                return reference
             except (OutOfTime, SimulationError) as error:
-                if is_last and isinstance(error, SimulationError):
+                if len(candidates) == 1:
                     raise
-                self._say(f"reference given up: {error}")
-                # What is left must pay for the next.
-                ranked[index + 1 :] = [c for c in ranked[index + 1 :] if self._predict(c) <= end - self._spent] or [
-                    min(candidates, key=self._predict)
-                ]
-                continue
-            break
-        ...
+                self._say(f"given up: {error}")
+                candidates.remove(setting)
+
+    def _error_model(self, candidates: Sequence[Setting]) -> ErrorModel:
+        """How the error depends on map and step: measured where that is cheap, else both count alike."""
+        coarsest = min(candidates, key=lambda c: (c.cells_across, -c.step))
+        probes = probe_settings(coarsest.coarsened(2), self._steps)
+        if sum(map(self._predict, probes)) > PROBE_SHARE * self._budget:
+            return ErrorModel(per_second=1.0 / coarsest.step, per_cell=float(coarsest.cells_across))
+        self._say(f"how the error depends on map and step: {len(probes)} trials around {probes[0]}")
+        return fit_error_model(*(self._run(probe) for probe in probes), areas=self._areas)
+
+    def _add_row(self, setting: Setting, reference: Trial) -> None:
+        """Compute a setting, if there is time, and add it to the table."""
+        predicted = self._predict(setting)
+        row = Row(*setting.map_size, setting.step, setting.scheme, setting.precision, "done", predicted)
+        left = self._budget - self._spent
+        if setting not in self._trials and predicted > left:
+            row.status = "skipped: budget"
+        else:
+            try:
+                self._fill(row, self._run(setting, left), reference)
+            except OutOfTime:
+                row.status = "stopped: budget"
+            except SimulationError as error:
+                row.status = f"failed: {error}"
+        self.rows.append(row)
+        append_row(self._output / TABLE, row)
+        took = f"{row.seconds:.1f} s, water {row.water_error:.2g}" if row.measured else f"{predicted:.0f} s predicted"
+        self._say(f"{setting}: {row.status}, {took}")
+
+    # What is found.
+
+    @property
+    def _areas(self) -> np.ndarray:
+        return self._leaf_of(self._maps[0]).mesh.vertex_areas
+
+    def _errors(self, trial: Trial, reference: Trial) -> dict[str, float]:
+        length = self._leaf_of(self._maps[0]).length
+        return {
+            "water_error": relative_water_error(trial.water, reference.water, self._areas),
+            "largest_water_error": largest_water_error(trial.water, reference.water),
+            "shape_error": shape_error(trial.points, reference.points, self._areas, length),
+        }
+
+    def _fill(self, row: Row, trial: Trial, reference: Trial) -> None:
+        row.status = "reference" if trial is reference else "done"
+        row.fluid_step = trial.fluid_step
+        row.seconds = trial.total_seconds
+        row.fluid_seconds = trial.seconds["fluid"]
+        row.fluid_seconds_per_plant_hour = row.fluid_seconds / (self._scene.time.duration / 3600.0)
+        row.motion_substeps = trial.substeps
+        row.ledger_error = trial.ledger_error
+        for name, value in self._errors(trial, reference).items():
+            setattr(row, name, value)
+
+    def _mark(self, own: dict[str, float]) -> None:
+        """Mark what lies below the reference's own errors, and the Pareto fronts."""
+        measured = [row for row in self.rows if row.measured]
+        seconds = np.array([row.fluid_seconds for row in measured])
+        for kind in ("water", "shape"):
+            floor = own[f"{kind}_error"]
+            errors = np.array([getattr(row, f"{kind}_error") for row in measured])
+            for row, error, on_front in zip(measured, errors, pareto_front(seconds, errors, floor), strict=True):
+                setattr(row, f"{kind}_within_reference", bool(error < floor))
+                setattr(row, f"{kind}_pareto", bool(on_front))
+
+    def _result(self, reference: Trial, own: dict[str, float]) -> dict[str, Any]:
+        import warp as wp
+
+        mesh = self._leaf_of(self._maps[0]).mesh
+        versions = {"leafwarp": __version__, "python": platform.python_version(), "numpy": np.__version__}
+        return {
+            "scene": self._scene.name,
+            "versions": {**versions, "warp": wp.__version__},
+            "device": {"name": wp.get_device(self._device).name, "alias": self._device},
+            "machine": f"{platform.machine()}, {os.cpu_count()} cores",
+            "mesh": {"vertices": mesh.vertex_count, "triangles": mesh.triangle_count},
+            "plant_seconds": self._scene.time.duration,
+            "frames": len(reference.water),
+            "playback_seconds": self._playback,
+            "scene_playback_seconds": film_seconds(self._scene),
+            "budget_seconds": self._budget,
+            "spent_seconds": self._spent,
+            "reference": {
+                **asdict(reference.setting),
+                "seconds": reference.total_seconds,
+                "check": {**asdict(self._check.setting), "seconds": self._check.total_seconds},
+                "own_errors": own,
+            },
+            "settings": [asdict(row) for row in self.rows],
+        }
