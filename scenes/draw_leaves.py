@@ -13,6 +13,9 @@ from drawing.leaves import LeafFields
 from drawing.raster import encode
 from drawing.shading import paint_leaf
 
+# Scenes whose water enters along the whole petiole, by a source map that is drawn, too: NAME_source.png.
+PETIOLE_SOURCES = ("cut",)
+
 
 def draw(picture: Picture) -> tuple[np.ndarray, np.ndarray]:
     """The picture, uint8 RGB [height, width, 3], and its true mask of main veins, uint8 [height, width].
@@ -51,6 +54,9 @@ def main() -> None:
     for name in arguments.names or PICTURES:
         image, veins = draw(PICTURES[name])
         save(arguments.output / f"{name}.png", image)
+        if name in PETIOLE_SOURCES:
+            petiole = LeafFields(PICTURES[name].shape).petiole
+            save(arguments.output / f"{name}_source.png", np.round(255.0 * petiole).astype(np.uint8))
         if arguments.veins:
             save(arguments.output / f"{name}_veins.png", veins)
 

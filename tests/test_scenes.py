@@ -75,32 +75,37 @@ def test_cut_leaf_dries_from_its_tips_and_margin(scene_leaf) -> None:
     leaf = scene_leaf(scene)
     simulation = Simulation(scene, leaf)
     added = []
-    for hour in (1, 2, 6):
+    for hour in (4, 8, 12):
         simulation.fluid.advance(3600.0 * hour)
         added.append(simulation.fluid.ledger().added)
-    assert 0.0 < added[0] < added[1] == added[2]  # nothing enters once the source is cut at 2 h
+    assert 0.0 < added[0] < added[1] == added[2]  # nothing enters once the source is cut at 8 h
     water = simulation.state["water_now"].numpy()
     rows, columns = np.nonzero(leaf.mask)
     centers = np.stack([(columns + 0.5) / leaf.mask.shape[1], (rows + 0.5) / leaf.mask.shape[0]], axis=1)
-    reach = np.hypot(*(centers * leaf.frame.size + leaf.frame.origin).T)
-    far, near = reach > 0.8 * leaf.length, reach < 0.4 * leaf.length
+    places = centers * leaf.frame.size + leaf.frame.origin
+    stalk = places[leaf.maps["source"][leaf.mask] > 0.0]
+    reach = np.linalg.norm(places - stalk[np.argmax(np.linalg.norm(stalk, axis=1))], axis=1)
+    far, near = reach > 0.7 * reach.max(), reach < 0.3 * reach.max()
     assert water[leaf.mask][far].mean() < water[leaf.mask][near].mean() - 0.02
     import cv2
 
     depth = cv2.distanceTransform(leaf.mask.astype(np.uint8), cv2.DIST_L2, 5)[leaf.mask]
-    assert water[leaf.mask][(depth < 3) & far].mean() < water[leaf.mask][depth > 8].mean()
+    assert water[leaf.mask][depth < 3].mean() < water[leaf.mask][depth > 8].mean() - 0.02
     veins = leaf.maps["venation"][leaf.mask] > 0.3
     assert water[leaf.mask][veins].mean() > water[leaf.mask][~veins].mean()
 
 
 def test_blade_droops_as_it_wilts(scene_leaf) -> None:
-    scene = shipped("blade", time__frames=16, mesh__vertices=300)
+    scene = shipped("blade", time__frames=120, time__duration="6 h", mesh__vertices=120)
     leaf = scene_leaf(scene)
     simulation = Simulation(scene, leaf)
     tip = int(np.argmax(np.hypot(*leaf.mesh.positions.T)))
     heights = [float(frame.points[tip, 2]) for frame in simulation.frames()]
     assert simulation.settled is not None and simulation.settled.settled
-    assert min(heights) < heights[0] - 0.05 * leaf.length
+    # It starts where its weight has bent it, calmly, and hangs lower as turgor goes.
+    assert -0.4 * leaf.length < heights[0] < 0.0
+    assert abs(heights[1] - heights[0]) < 0.002 * leaf.length
+    assert heights[-1] < heights[0] - 0.1 * leaf.length
 
 
 def test_paper_bending_reports_the_angular_momentum_it_loses(scene_leaf) -> None:
@@ -123,7 +128,8 @@ def test_more_frames_see_the_same_water_and_settle_to_the_same_shape(small_scene
         maps[frames] = []
         for frame in simulation.frames():
             maps[frames].append((frame.plant_time, simulation.state["water_now"].numpy().copy()))
-        simulation.motion.settle()
+        for extra in range(240):  # ten seconds of playback, in which the drag stops every swing
+            simulation.motion.advance(1.0 / scene.time.fps, frames + 1 + extra)
         shapes[frames] = simulation.state["position"].numpy()
     for (time, few), (other_time, many) in zip(maps[13], maps[25][::2], strict=True):
         assert time == pytest.approx(other_time)

@@ -12,7 +12,7 @@ import numpy as np
 
 from leafwarp.errors import OutputError
 from leafwarp.leaf.leaf import Leaf
-from leafwarp.render.renderer import GROUND_COLOR, LeafRenderer, to_srgb
+from leafwarp.render.renderer import GROUND_COLOR, VIEW, LeafRenderer, to_srgb
 from leafwarp.render.water_picture import map_picture, vertex_picture, water_colors
 from leafwarp.sim.frame import Frame
 
@@ -26,6 +26,8 @@ LABEL_HEIGHT = 64
 LEGEND_HEIGHT = 84
 TALLEST_PANEL = 560
 SAMPLES = 2
+LONG_ASPECT = 2.5  # height over width beyond which a leaf is drawn lying
+SIDE_VIEW = np.array([0.76, -0.26, 0.60])  # shows how a long leaf droops, its base to the left
 FEATHER = 0.05  # of a panel's shorter side; the leaf itself keeps clear of it
 
 
@@ -36,13 +38,14 @@ def choose_frames(first: int, last: int, count: int = 8) -> tuple[int, ...]:
 
 @dataclass(frozen=True)
 class _Layout:
-    """Where things lie on the sheet [pixel]."""
+    """Where things lie on the sheet [pixel]; a long upright leaf lies on its side, base to the left."""
 
     columns: int
     rows: int
     panel_width: int
     water_height: int
     leaf_height: int
+    lies: bool
 
     @property
     def block_height(self) -> int:
@@ -61,13 +64,16 @@ class _Layout:
 
 def _layout(count: int, aspect: float) -> _Layout:
     """Columns and panels for a number of moments of a leaf of this height over width."""
+    lies = aspect > LONG_ASPECT
+    if lies:
+        aspect = 1.0 / aspect
     columns = min(count, 8 if aspect >= 0.9 else 4)
     # A few moments keep the panels that eight would have, up to twice as wide.
     slots = max(columns, 4 if aspect >= 0.9 else 2)
     width = (SHEET_WIDTH - 2 * MARGIN - (slots - 1) * GAP) // slots
     water_height = int(np.clip(width * aspect, 40, TALLEST_PANEL))
     leaf_height = int(np.clip(width * aspect, 0.6 * width, TALLEST_PANEL))
-    return _Layout(columns, -(-count // columns), width, water_height, leaf_height)
+    return _Layout(columns, -(-count // columns), width, water_height, leaf_height, lies)
 
 
 class ContactSheet:
@@ -108,7 +114,7 @@ class ContactSheet:
                 SAMPLES,
                 self._device,
             )
-            renderer.frame([frame.points for frame, _ in self._moments])
+            renderer.frame([frame.points for frame, _ in self._moments], view=SIDE_VIEW if layout.lies else VIEW)
         for index, (frame, water_map) in enumerate(self._moments):
             x, y = layout.corner(index)
             self._label(sheet, (x, y), frame)
@@ -135,13 +141,16 @@ class ContactSheet:
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
 
     def _water_panel(self, frame: Frame, water_map: np.ndarray | None, layout: _Layout) -> np.ndarray:
-        width, height = self._leaf.frame.size
+        width, height = self._leaf.frame.size[:: -1 if layout.lies else 1]
         scale = min(layout.panel_width / width, layout.water_height / height)
         size = (max(1, round(scale * width)), max(1, round(scale * height)))
+        drawn_size = size[::-1] if layout.lies else size
         if water_map is None:
-            colors, coverage = vertex_picture(self._leaf, frame.water, size)
+            colors, coverage = vertex_picture(self._leaf, frame.water, drawn_size)
         else:
-            colors, coverage = map_picture(water_map, self._leaf.mask, size)
+            colors, coverage = map_picture(water_map, self._leaf.mask, drawn_size)
+        if layout.lies:
+            colors, coverage = np.rot90(colors, -1), np.rot90(coverage, -1)
         picture = coverage[..., None] * colors + (1.0 - coverage[..., None]) * np.array(PAPER)
         panel = np.full((layout.water_height, layout.panel_width, 3), PAPER, np.uint8)
         corner = (layout.panel_width - size[0]) // 2, (layout.water_height - size[1]) // 2

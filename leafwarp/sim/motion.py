@@ -21,7 +21,7 @@ from leafwarp.sim.stage import Stage
 # Share of the stable step that is used: what is left covers a frame's change of geometry.
 SAFETY = 0.9
 # Substeps in one captured graph at most: replaying one costs next to nothing, recording it some milliseconds.
-BLOCK = 64
+BLOCK = 32
 # A leaf swings about its base within twice its length. A vertex that goes further than this many lengths in
 # one frame has been thrown.
 FARTHEST_TRAVEL = 4.0
@@ -51,7 +51,7 @@ class Settled:
 class Motion:
     """Moves the structure from frame to frame.
 
-    The substeps of a frame are the next power of two that makes them safe; they are decided between frames
+    The substeps of a frame are the least number of whole blocks that makes them safe; they are decided between frames
     from the stiffness and masses of the moment. After the frame its step is checked against the new geometry.
     If it was too long, or a vertex is not finite or has been thrown, the frame is redone with twice the
     substeps.
@@ -103,7 +103,10 @@ class Motion:
         self._state.upload("damping_time", np.array([self._damping_time]))
 
     def required_substeps(self, frame_duration: float) -> int | float:
-        """Substeps that a frame needs now: a power of two, or infinite where no step is safe.
+        """Substeps that a frame needs now, in whole blocks; infinite where no step is safe.
+
+        A power of two up to a block, then a multiple of it: every count is made of few captured graphs, since
+        the length of a step is not part of a graph.
 
         Args:
             frame_duration: Playback time of the frame [s].
@@ -112,6 +115,8 @@ class Motion:
         least = frame_duration / limit if limit > 0.0 else math.inf
         if not math.isfinite(least):
             return math.inf
+        if least > BLOCK:
+            return BLOCK * math.ceil(least / BLOCK)
         return 2 ** math.ceil(math.log2(max(least, 1.0)))
 
     def advance(self, frame_duration: float, frame: int) -> int:
@@ -202,7 +207,7 @@ class Motion:
             self.retries += 1
 
     def _run_substeps(self, count: int, step: float, stages: list[Stage]) -> None:
-        """Run a power of two of substeps."""
+        """Run a number of substeps that :meth:`required_substeps` may give."""
         self._state.upload("time_step", np.array([step]))
         block = min(count, BLOCK)
         graph, launches = self._block(block, stages)
