@@ -19,7 +19,7 @@ RASTER = 10  # pixels an edge while the outline is made fit for the edge length
 NARROWEST_GAP = 0.55  # [edges] a notch narrower than this is closed
 NARROWEST_STRIP = 0.65  # [edges] a petiole thinner than this is widened
 CORNER_TURN = np.radians(38.0)  # a tooth or a notch turns the margin at least so much within one edge
-CLOSEST_POINTS = 0.62  # [edges]
+CLOSEST_POINTS = 0.85  # [edges]; a short side makes a light, stiff corner that sets the motion's step
 
 
 def triangulate(outline: np.ndarray, tip: np.ndarray, vertices: int) -> LeafMesh:
@@ -73,9 +73,8 @@ def boundary_polygon(outline: np.ndarray, tip: np.ndarray, edge: float) -> np.nd
     """Outline with points about one edge length apart, fit to be filled with triangles of that size.
 
     Base (the first point, the origin) and tip are kept; so are teeth and notches of at least the edge length.
-    Notches narrower than an edge are closed and a petiole thinner than an edge is widened: triangles of the
-        asked size could
-    not stand there.
+    Notches narrower than an edge are closed and a petiole thinner than an edge is widened: triangles of the asked
+    size could not stand there.
     """
     fit = _fit_to_edge(outline, edge)
     anchored = _insert(_insert(fit, tip, edge), np.zeros(2), edge)
