@@ -65,7 +65,11 @@ def make_parser() -> argparse.ArgumentParser:
     _scene_arguments(tradeoff)
     tradeoff.add_argument("-o", "--output", type=Path, required=True, help="folder of the table and the plot")
     tradeoff.add_argument(
-        "--budget", type=_duration, default=600.0, metavar="TIME", help="wall time to use, such as 20m (default: 10 min)"
+        "--budget",
+        type=_duration,
+        default=600.0,
+        metavar="TIME",
+        help="wall time to use, such as 20m (default: 10 min)",
     )
     tradeoff.add_argument("--overwrite", action="store_true", help="replace results that are there already")
     tradeoff.add_argument("--json", action="store_true", help="print the table as JSON instead of its path")
@@ -73,8 +77,12 @@ def make_parser() -> argparse.ArgumentParser:
 
     new = verbs.add_parser("new", help="write a commented scene for a photo")
     new.add_argument("photo", type=Path, help="photo of a leaf")
-    new.add_argument("-o", "--output", type=Path, help="scene file to write (default: the photo's name with .toml, here)")
-    new.add_argument("--length", default="10 cm", help="petiole base to farthest point, such as '8 cm' (default: 10 cm)")
+    new.add_argument(
+        "-o", "--output", type=Path, help="scene file to write (default: the photo's name with .toml, here)"
+    )
+    new.add_argument(
+        "--length", default="10 cm", help="petiole base to farthest point, such as '8 cm' (default: 10 cm)"
+    )
     new.add_argument("--overwrite", action="store_true", help="replace a scene that is there already")
     new.set_defaults(action=_new)
 

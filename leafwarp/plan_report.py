@@ -23,7 +23,13 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
     substeps = simulation.motion.required_substeps(1.0 / scene.time.fps)
     intervals = max(scene.time.frames - 1, 1)
     fluid_steps = simulation.fluid.steps.count if simulation.fluid is not None else 0
-    runs = {"start": 0.0, "fluid step": fluid_steps / intervals, "frame": 1.0, "substep": float(substeps), "output": 1.0}
+    runs = {
+        "start": 0.0,
+        "fluid step": fluid_steps / intervals,
+        "frame": 1.0,
+        "substep": float(substeps),
+        "output": 1.0,
+    }
     plan, mesh = simulation.plan, leaf.mesh
     return {
         "scene": scene.name,
@@ -53,8 +59,8 @@ def print_plan(report: dict[str, Any]) -> None:
     )
     cells = f"map of {report['map'][0]} x {report['map'][1]} cells, " if report["map"] else "no maps, "
     print(
-        f"{cells}{report['fluid_steps']} fluid steps, {report['substeps_per_frame']} motion substeps in the first frame, "
-        f"{report['precision']} on {report['device']}, {report['bytes'] / 1e6:.2f} MB of arrays"
+        f"{cells}{report['fluid_steps']} fluid steps, {report['substeps_per_frame']} motion substeps in the first "
+        f"frame, {report['precision']} on {report['device']}, {report['bytes'] / 1e6:.2f} MB of arrays"
     )
     print(f"\n{'stage':<18} {'runs once a':<11} {'launches/frame':>14} {'kB':>8}  what it does")
     for stage in report["stages"]:

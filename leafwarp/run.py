@@ -210,7 +210,11 @@ def make_report(
     packages = ("warp-lang", "numpy", "opencv-python-headless", "usd-core")
     return {
         "scene": scene.name,
-        "versions": {"leafwarp": __version__, "python": platform.python_version(), **{name: version(name) for name in packages}},
+        "versions": {
+            "leafwarp": __version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in packages},
+        },
         "device": {"name": wp.get_device(simulation.state.device).name, "alias": simulation.state.device.alias},
         "machine": f"{platform.machine()}, {os.cpu_count()} cores",
         "precision": scene.solver.precision,
@@ -237,7 +241,8 @@ def make_report(
         },
         "memory": {
             "arrays_bytes": simulation.state.byte_count,
-            "peak_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * (1 if sys.platform == "darwin" else 1024),
+            "peak_bytes": resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+            * (1 if sys.platform == "darwin" else 1024),
         },
         "launches": simulation.state.launch_count,
         "arrays": len(simulation.state.names),

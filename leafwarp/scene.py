@@ -9,6 +9,7 @@ from __future__ import annotations
 import difflib
 import tomllib
 from collections.abc import Mapping, Sequence
+from itertools import pairwise
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -38,9 +39,7 @@ def _sorted_curve(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float,
 
 
 # Piecewise linear in the relative water content y, constant beyond its ends.
-Curve = Annotated[
-    tuple[tuple[float, float], ...], Field(min_length=1, max_length=64), AfterValidator(_sorted_curve)
-]
+Curve = Annotated[tuple[tuple[float, float], ...], Field(min_length=1, max_length=64), AfterValidator(_sorted_curve)]
 
 
 def _within(low: float, high: float, what: str) -> AfterValidator:
@@ -155,7 +154,7 @@ class WaterTable(_Table):
     @model_validator(mode="after")
     def _rising_times(self) -> WaterTable:
         times = [t for t, _ in self.curve]
-        if any(b <= a for a, b in zip(times, times[1:])):
+        if any(b <= a for a, b in pairwise(times)):
             raise ValueError("the times of 'curve' must rise")
         return self
 
@@ -173,7 +172,9 @@ class TranspirationTable(_Table):
     @model_validator(mode="after")
     def _cuticle_is_a_part(self) -> TranspirationTable:
         if self.cuticle_rate > self.rate:
-            raise ValueError(f"cuticle_rate {self.cuticle_rate:g} is more than rate {self.rate:g}, of which it is a part")
+            raise ValueError(
+                f"cuticle_rate {self.cuticle_rate:g} is more than rate {self.rate:g}, of which it is a part"
+            )
         return self
 
 
@@ -223,7 +224,9 @@ class StructureTable(_Table):
         description="Force of the angular springs: the gradient of their energy, which conserves momentum, or the "
         "paper's push on two vertices, which does not.",
     )
-    vein_stiffness: float = Field(1.0, ge=0.0, le=1e6, description="Stiffness of a vein of capacity 1 over the lamina's.")
+    vein_stiffness: float = Field(
+        1.0, ge=0.0, le=1e6, description="Stiffness of a vein of capacity 1 over the lamina's."
+    )
     stiffness: Annotated[Curve, _within(0.0, 1e6, "a stiffness factor of")] = Field(
         ((0.0, 1.0),), description="Points [relative water content, factor on every stiffness]."
     )
@@ -243,7 +246,9 @@ class MotionTable(_Table):
 
     gravity: Vector | None = Field(None, description="Acceleration of gravity [m/s^2], z up; left out: none.")
     drag: float = Field(2.0, ge=0.0, le=1e6, description="Rate at which still air takes up the leaf's speed [1/s].")
-    wind: Vector | None = Field(None, description="Speed of the air [m/s], which drags the leaf along; left out: still air.")
+    wind: Vector | None = Field(
+        None, description="Speed of the air [m/s], which drags the leaf along; left out: still air."
+    )
     pin_radius: Annotated[Length, Field(ge=0.0)] | None = Field(
         None, description="Vertices this near the petiole base are held [m]; left out: 3 % of the leaf's length."
     )
@@ -271,7 +276,9 @@ class OutputTable(_Table):
 class Scene(_Table):
     """A whole scene. Lengths in metres, times in seconds, after validation."""
 
-    name: str = Field("leaf", pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the outputs; default: the file's name.")
+    name: str = Field(
+        "leaf", pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the outputs; default: the file's name."
+    )
     leaf: LeafTable
     mesh: MeshTable = MeshTable()
     maps: MapsTable = MapsTable()

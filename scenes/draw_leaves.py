@@ -7,6 +7,7 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+
 from drawing.background import compose, grain
 from drawing.catalogue import PICTURES, Picture
 from drawing.leaves import LeafFields
@@ -39,13 +40,9 @@ def save(path: Path, image: np.ndarray) -> None:
 def main() -> None:
     """Draws the pictures named on the command line, or all."""
     parser = argparse.ArgumentParser(description="Draw the leaf pictures of the scenes.")
-    parser.add_argument(
-        "names", nargs="*", metavar="NAME", help=f"one or more of {', '.join(PICTURES)} (default: all)"
-    )
+    parser.add_argument("names", nargs="*", metavar="NAME", help=f"one or more of {', '.join(PICTURES)} (default: all)")
     parser.add_argument("--output", type=Path, default=Path(__file__).parent, help="folder for the PNG files")
-    parser.add_argument(
-        "--veins", action="store_true", help="also write each leaf's true vein mask, NAME_veins.png"
-    )
+    parser.add_argument("--veins", action="store_true", help="also write each leaf's true vein mask, NAME_veins.png")
     arguments = parser.parse_args()
     for name in arguments.names:
         if name not in PICTURES:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,7 +12,7 @@ from leafwarp.leaf.leaf import Leaf, MapFrame
 from leafwarp.scene import Scene, parse_scene
 from leafwarp.sim.fluid import Fluid
 from leafwarp.sim.launch import State
-from leafwarp.sim.plan import CANDIDATES
+from leafwarp.sim.plan import make_stages
 from leafwarp.sim.stage import Stage
 
 SCHEMES = ("split", "unsplit")
@@ -68,11 +67,7 @@ def make_sample(
     scene = make_scene(tables, precision)
     maps = {"water": np.ones(mask.shape)} | (maps or {})
     leaf = Leaf(None, MapFrame((0.0, 0.0), size), 0.1, None, mask, maps)
-    stages: dict[str, Stage] = {}
-    for candidate in CANDIDATES:
-        if candidate.group == "fluid" and candidate.left_out(scene) is None:
-            module, _, name = candidate.place.partition(":")
-            stages[candidate.name] = getattr(importlib.import_module(module), name)(scene, leaf)
+    stages = {stage.name: stage for stage in make_stages(scene, leaf, "fluid")[0]}
     state = State([spec for stage in stages.values() for spec in stage.arrays], device, precision)
     for stage in stages.values():
         stage.bind(state)
@@ -92,9 +87,7 @@ def diffusion_sample(
 ) -> Sample:
     """Diffusion alone, with a diffusivity for each cell; cells are 1 m wide unless a size says otherwise."""
     most = max(float(diffusivity.max()), 1e-300)
-    table = {"step": step, "scheme": scheme, "lamina_diffusivity": 0.0, "vein_diffusivity": most} | (
-        fluid or {}
-    )
+    table = {"step": step, "scheme": scheme, "lamina_diffusivity": 0.0, "vein_diffusivity": most} | (fluid or {})
     tables = {"fluid": table, "time": {"duration": 1000 * step, "frames": 2}}
     maps = {"venation": diffusivity / most, "water": water}
     size = size or (mask.shape[1], mask.shape[0])
@@ -135,9 +128,7 @@ def ellipse(rows: int, columns: int | None = None) -> np.ndarray:
     return (x[None, :] / 0.6) ** 2 + (y[:, None] / 0.95) ** 2 < 1.0
 
 
-def random_diffusivity(
-    rng: np.random.Generator, shape: tuple[int, int], decades: tuple[float, float]
-) -> np.ndarray:
+def random_diffusivity(rng: np.random.Generator, shape: tuple[int, int], decades: tuple[float, float]) -> np.ndarray:
     """Diffusivities over many decades, a fifth of the cells dead."""
     diffusivity = 10.0 ** rng.uniform(*decades, shape)
     diffusivity[rng.random(shape) < 0.2] = 0.0

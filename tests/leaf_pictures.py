@@ -20,9 +20,7 @@ def blade_outline(teeth: int = 0, depth: float = 0.0) -> np.ndarray:
     """Corners of an elliptic blade with so many teeth of a depth relative to the radius, shape [count, 2]."""
     angle = np.linspace(0.0, 2.0 * np.pi, 2400, endpoint=False)
     radius = 1.0 + (depth * np.abs(np.sin(0.5 * teeth * angle)) if teeth else 0.0)
-    return np.column_stack(
-        [CENTRE[0] + AXES[0] * radius * np.cos(angle), CENTRE[1] + AXES[1] * radius * np.sin(angle)]
-    )
+    return np.column_stack([CENTRE[0] + AXES[0] * radius * np.cos(angle), CENTRE[1] + AXES[1] * radius * np.sin(angle)])
 
 
 def true_length(teeth: int = 0, depth: float = 0.0) -> float:

@@ -20,9 +20,7 @@ def mesh_of(positions, triangles) -> LeafMesh:
         area_of[index] = 0.5 * abs(ux * vy - uy * vx)
         vertex_areas[[a, b, c]] += area_of[index] / 3.0
         for first, second, opposite in ((a, b, c), (b, c, a), (c, a, b)):
-            owners.setdefault((min(first, second), max(first, second)), []).append(
-                (first, second, opposite, index)
-            )
+            owners.setdefault((min(first, second), max(first, second)), []).append((first, second, opposite, index))
     edges = sorted(owners)
     hinges = [(*owners[e][0][:3], owners[e][1][2]) for e in edges if len(owners[e]) == 2]
     return LeafMesh(
@@ -49,14 +47,10 @@ def one_triangle(side: float = 1e-2) -> Leaf:
 def two_triangles(side: float = 1e-2) -> Leaf:
     """One hinge, its edge along x; vertices 0 and 1 are on it, 2 is at +y and 3 at -y."""
     height = 0.75**0.5
-    return leaf_of(
-        mesh_of(side * np.array([[0, 0], [1, 0], [0.5, height], [0.5, -height]]), [[0, 1, 2], [1, 0, 3]])
-    )
+    return leaf_of(mesh_of(side * np.array([[0, 0], [1, 0], [0.5, height], [0.5, -height]]), [[0, 1, 2], [1, 0, 3]]))
 
 
-def strip(
-    length: float = 0.1, width: float = 0.02, columns: int = 20, jitter: float = 0.0, seed: int = 0
-) -> Leaf:
+def strip(length: float = 0.1, width: float = 0.02, columns: int = 20, jitter: float = 0.0, seed: int = 0) -> Leaf:
     """A strip along x from the origin, of nearly equilateral triangles with flat ends.
 
     Args:

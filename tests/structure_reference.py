@@ -8,9 +8,9 @@ import numpy as np
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
-from leafwarp.sim.forces import structure_stages
 from leafwarp.sim.launch import State
 from leafwarp.sim.motion import Motion
+from leafwarp.sim.plan import make_stages
 
 # Largest error of a float32 result next to its largest value: some tens of roundings of differences of
 # positions.
@@ -49,7 +49,7 @@ class Rig:
 
 
 def rig_of(scene: Scene, leaf: Leaf, device: str, precision: str) -> Rig:
-    stages = structure_stages(scene, leaf)
+    stages, _ = make_stages(scene, leaf, "motion")
     state = State([spec for stage in stages for spec in stage.arrays], device, precision)
     for stage in stages:
         stage.bind(state)

@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+from itertools import pairwise
 from pathlib import Path
 
 import pytest
@@ -61,7 +62,7 @@ def test_usd_holds_every_frame_and_the_water_falls(finished: Path) -> None:
     assert mesh.GetPointsAttr().GetTimeSamples() == [float(f) for f in range(1, 10)]
     water = UsdGeom.PrimvarsAPI(mesh).GetPrimvar("water")
     means = [sum(water.Get(f)) / len(water.Get(f)) for f in range(1, 10)]
-    assert all(b < a for a, b in zip(means, means[1:]))
+    assert all(b < a for a, b in pairwise(means))
 
 
 def test_an_existing_result_is_kept_unless_overwritten(finished: Path, small_scene: Path, capsys) -> None:
@@ -152,7 +153,17 @@ def test_help_imports_nothing_heavy() -> None:
 def test_a_signal_ends_the_run_after_its_frame(small_scene: Path, tmp_path: Path, number: signal.Signals) -> None:
     from pxr import Usd, UsdGeom
 
-    command = [sys.executable, "-m", "leafwarp", "run", str(small_scene), "-o", str(tmp_path), "--set", "time.frames=5000"]
+    command = [
+        sys.executable,
+        "-m",
+        "leafwarp",
+        "run",
+        str(small_scene),
+        "-o",
+        str(tmp_path),
+        "--set",
+        "time.frames=5000",
+    ]
     process = subprocess.Popen(command, env=ENVIRONMENT, stderr=subprocess.PIPE, text=True)
     for line in process.stderr:
         if line.startswith("frame 3/"):

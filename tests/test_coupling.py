@@ -6,13 +6,13 @@ import dataclasses
 
 import numpy as np
 import pytest
-from meshes import scene_of, strip
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim import material
 from leafwarp.sim.coupling import point_uv
 from leafwarp.sim.simulation import Simulation
+from meshes import scene_of, strip
 
 # A parameter is a product of a few numbers of its own precision: some roundings of its own size.
 ROUNDINGS = {"float32": 8 * np.finfo(np.float32).eps, "float64": 8 * np.finfo(np.float64).eps}
@@ -51,7 +51,9 @@ def inside(uv: np.ndarray) -> np.ndarray:
 def test_water_is_sampled_at_the_middle_of_every_spring(device, precision) -> None:
     leaf = leaf_with_maps(left_to_right())
     curve = [[0.0, 0.3], [1.0, 0.0]]
-    simulation = bound(flowing(shrink={"curve": curve}, curl={"mismatch": [[0, 0.01], [1, 0]]}), leaf, device, precision)
+    simulation = bound(
+        flowing(shrink={"curve": curve}, curl={"mismatch": [[0, 0.01], [1, 0]]}), leaf, device, precision
+    )
     mesh = leaf.mesh
     middles = {
         "edge": leaf.uv[mesh.edges].mean(axis=1),
@@ -144,7 +146,7 @@ def test_a_margin_is_not_half_dry(device, precision) -> None:
 
 
 def test_a_thin_vein_is_not_missed_by_luck() -> None:
-    """Venation smoothed to the edge length: moving a two-cell vein by half an edge changes what the springs see little."""
+    """Venation is smoothed to the edge length: a two-cell vein moved by half an edge still reaches the springs."""
     totals = []
     for shift in (0, 1, 2, 3):
         venation = np.zeros(CELLS)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from fluid_sample import SCHEMES, Sample, diffusion_sample, stage_name
 
 END = 0.1
@@ -23,9 +24,9 @@ def exact(count: int, time: float) -> np.ndarray:
 def source(count: int, time: float) -> np.ndarray:
     """``u_t - div(D grad u)`` with ``D = 1 + cos(pi x) cos(pi y)/2``."""
     x, y, mode, bump = cosines(count)
-    gradients = np.sin(x) * np.cos(y) * np.sin(x) * np.cos(2.0 * y) + 2.0 * np.cos(x) * np.sin(y) * np.cos(
-        x
-    ) * np.sin(2.0 * y)
+    gradients = np.sin(x) * np.cos(y) * np.sin(x) * np.cos(2.0 * y) + 2.0 * np.cos(x) * np.sin(y) * np.cos(x) * np.sin(
+        2.0 * y
+    )
     flow = np.pi**2 * (-5.0 * (1.0 + 0.5 * bump) * mode + 0.5 * gradients)
     return 0.25 * np.exp(-time) * (-mode - flow)
 

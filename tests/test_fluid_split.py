@@ -6,10 +6,10 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from fluid_sample import diffusion_sample, ellipse, exchange_matrices, random_diffusivity, stage_name
 from scipy.linalg import solve_banded
 from scipy.sparse.linalg import spsolve
 
+from fluid_sample import diffusion_sample, ellipse, exchange_matrices, random_diffusivity, stage_name
 from leafwarp.sim.fluid.conductance import face_conductance
 
 # Of max y, of one step: some units in the last place, gathered along a line.
@@ -47,9 +47,7 @@ def test_each_line_agrees_with_lapack(shape: tuple[int, int], device: str, preci
     )
     faces = face_conductance(diffusivity, mask, cell, 1.0)
     expected = np.array([banded_line(beta[:-1], old) for beta, old in zip(faces.x, water, strict=True)])
-    expected = np.array(
-        [banded_line(beta[:-1], old) for beta, old in zip(faces.y.T, expected.T, strict=True)]
-    ).T
+    expected = np.array([banded_line(beta[:-1], old) for beta, old in zip(faces.y.T, expected.T, strict=True)]).T
     assert sample.step("split_diffusion") == pytest.approx(expected, abs=2.0 * ROUNDING[precision])
 
 
@@ -111,9 +109,7 @@ def test_a_vein_conducts_alike_at_every_angle(angle: float) -> None:
 
 @pytest.mark.parametrize(("p", "q"), [(1, 0), (0, 1), (2, 3), (15, 15), (31, 5)])
 @pytest.mark.parametrize("beta", [0.0, 0.3, 40.0, 1e6])
-def test_a_cosine_decays_by_the_exact_factor(
-    p: int, q: int, beta: float, device: str, precision: str
-) -> None:
+def test_a_cosine_decays_by_the_exact_factor(p: int, q: int, beta: float, device: str, precision: str) -> None:
     count = 32
     centre = (np.arange(count) + 0.5) / count
     mode = np.cos(p * np.pi * centre)[None, :] * np.cos(q * np.pi * centre)[:, None]
@@ -185,9 +181,7 @@ def test_isolated_cells_keep_their_water(scheme: str, device: str, precision: st
     mask = np.zeros((6, 6), bool)
     mask[0, 0] = mask[2, 3] = mask[4, 1:5] = True
     water = np.where(mask, np.linspace(0.1, 0.9, 36).reshape(6, 6), 0.0)
-    sample = diffusion_sample(
-        np.full(mask.shape, 1e6), mask, water, scheme, device=device, precision=precision
-    )
+    sample = diffusion_sample(np.full(mask.shape, 1e6), mask, water, scheme, device=device, precision=precision)
     before = sample.water
     after = sample.step(stage_name(scheme))
     assert after[0, 0] == before[0, 0] and after[2, 3] == before[2, 3]

@@ -5,6 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 import scipy.sparse as sparse
+from scipy.sparse.linalg import splu, spsolve
+
 from fluid_sample import (
     diffusion_sample,
     ellipse,
@@ -13,8 +15,6 @@ from fluid_sample import (
     random_diffusivity,
     stage_name,
 )
-from scipy.sparse.linalg import splu, spsolve
-
 from leafwarp.errors import SimulationError
 from leafwarp.sim.fluid import unsplit
 
@@ -55,9 +55,7 @@ def test_a_step_agrees_with_a_direct_solve(beta: float, contrast: float, device:
     assert abs(after.sum() - old.sum()) <= ROUNDING[precision] * mask.sum()
     inside = mask.ravel()
     tolerance = RELATIVE_ERROR[precision]
-    assert (
-        old[inside].min() - tolerance <= after[inside].min() <= after[inside].max() <= old.max() + tolerance
-    )
+    assert old[inside].min() - tolerance <= after[inside].min() <= after[inside].max() <= old.max() + tolerance
     assert not after[~inside].any()
 
 
@@ -93,9 +91,7 @@ def test_a_constant_field_takes_no_iteration(content: float, device: str, precis
 
 
 @pytest.mark.parametrize("decades", [(-6.0, 6.0), (0.0, 12.0), (12.0, 12.0), (25.0, 40.0)])
-def test_any_beta_gives_a_bounded_step_or_a_clear_refusal(
-    decades: tuple, device: str, precision: str
-) -> None:
+def test_any_beta_gives_a_bounded_step_or_a_clear_refusal(decades: tuple, device: str, precision: str) -> None:
     rng = np.random.default_rng(3)
     mask = ellipse(20, 16)
     water = np.where(mask, rng.random(mask.shape), 0.0)
@@ -132,9 +128,7 @@ def test_looking_at_the_residual_less_often_changes_nothing(device: str, precisi
     water = np.where(mask, np.linspace(0.0, 1.0, mask.size).reshape(mask.shape), 0.0)
     after = []
     for looks in (1, 7):
-        sample = diffusion_sample(
-            50.0 * diffusivity, mask, water, "unsplit", device=device, precision=precision
-        )
+        sample = diffusion_sample(50.0 * diffusivity, mask, water, "unsplit", device=device, precision=precision)
         sample.stages[NAME]._iterations_per_look = looks
         after.append(sample.step(NAME).tobytes())
         iterations = sample.stages[NAME].iterations

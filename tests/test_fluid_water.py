@@ -6,8 +6,8 @@ import math
 
 import numpy as np
 import pytest
-from fluid_sample import SCHEMES, Sample, ellipse, make_sample, make_scene
 
+from fluid_sample import SCHEMES, Sample, ellipse, make_sample, make_scene
 from leafwarp.errors import InputError
 from leafwarp.sim.fluid import FluidSteps
 
@@ -107,9 +107,7 @@ def test_the_source_fills_as_its_equation_says(device: str, precision: str) -> N
 
 
 @pytest.mark.parametrize("content", [0.0, 0.5, 0.8, 1.0])
-def test_the_source_never_passes_its_supply_and_never_drains(
-    content: float, device: str, precision: str
-) -> None:
+def test_the_source_never_passes_its_supply_and_never_drains(content: float, device: str, precision: str) -> None:
     sample = source_sample(device, precision, content, conductance=1e300, supply=0.8)
     before = sample.water
     for index in range(3):
@@ -159,10 +157,7 @@ def test_steps_fill_the_duration_and_are_no_longer_than_asked() -> None:
     assert steps.locate(steps.length) == (1, 1.0)
     assert steps.locate(1.25 * steps.length) == (2, pytest.approx(0.25))
     assert steps.locate(1e9) == (15, 1.0)
-    assert (
-        FluidSteps.of(make_scene({"fluid": {"step": 1e9}, "time": {"duration": 100.0, "frames": 2}})).count
-        == 1
-    )
+    assert FluidSteps.of(make_scene({"fluid": {"step": 1e9}, "time": {"duration": 100.0, "frames": 2}})).count == 1
 
 
 @pytest.mark.parametrize(("duration", "step"), [(1e6, 1e-3), (1e300, 1e-300), (1e300, 1e300)])

@@ -7,8 +7,8 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
-from leaf_pictures import BASE, HEIGHT, TIP, WIDTH, coverage, draw_leaf, vein_lines, write_image
 
+from leaf_pictures import BASE, HEIGHT, TIP, WIDTH, coverage, draw_leaf, vein_lines, write_image
 from leafwarp.errors import InputError
 from leafwarp.leaf.maps import PixelFrame, interval_means, leaf_cells, make_maps
 from leafwarp.leaf.outline import Outline, find_outline
@@ -32,9 +32,7 @@ SIZES = [
 
 @pytest.fixture(scope="module")
 def leaf(tmp_path_factory: pytest.TempPathFactory) -> tuple[Photo, Outline, PixelFrame]:
-    photo = read_photo(
-        write_image(tmp_path_factory.mktemp("maps") / "leaf.png", draw_leaf(teeth=40, depth=0.06))
-    )
+    photo = read_photo(write_image(tmp_path_factory.mktemp("maps") / "leaf.png", draw_leaf(teeth=40, depth=0.06)))
     outline = find_outline(photo, silhouette(photo))
     return photo, outline, PixelFrame.around(outline)
 
@@ -93,9 +91,7 @@ def test_ramp_image_is_exact_at_cell_centres(
     mask, maps = make_maps(photo, outline, frame, map_size, {"water": path})
     x, y = photo_points(frame, map_size)
     wanted = 0.2 + 0.3 * x / WIDTH + 0.4 * y / HEIGHT
-    np.testing.assert_allclose(
-        maps["water"][mask], wanted[mask], atol=1.1 / 65535
-    )  # 16-bit rounding of the file
+    np.testing.assert_allclose(maps["water"][mask], wanted[mask], atol=1.1 / 65535)  # 16-bit rounding of the file
 
 
 def test_interval_means() -> None:
@@ -144,9 +140,7 @@ def test_automatic_veins_are_the_drawn_ones(leaf: tuple, map_size: tuple[int, in
         assert (at(line) > (0.3 if number == 0 else 0.02)).mean() >= 0.8, number
     midrib = at(lines[0])
     assert midrib[0] > midrib[-1]  # Murray: the flow gathers towards the base
-    between = np.array(
-        [[210.0 + side * 60.0, height - 50.0] for side in (-1, 1) for height in (195, 250, 305, 360)]
-    )
+    between = np.array([[210.0 + side * 60.0, height - 50.0] for side in (-1, 1) for height in (195, 250, 305, 360)])
     assert (at(between) < 0.1).mean() >= 0.7
     assert 0.02 < (veins > 0.05).sum() / mask.sum() < 0.35
 
@@ -167,7 +161,7 @@ def test_venation_is_one_tree_two_cells_wide(leaf: tuple) -> None:
 
 def test_petiole_coverage_reference() -> None:
     """The drawn test leaf is what the other tests take it for."""
-    assert coverage(
-        np.array([[10.0, 10.0], [20.0, 10.0], [20.0, 30.0], [10.0, 30.0]])
-    ).sum() == pytest.approx(200.0, rel=0.03)
+    assert coverage(np.array([[10.0, 10.0], [20.0, 10.0], [20.0, 30.0], [10.0, 30.0]])).sum() == pytest.approx(
+        200.0, rel=0.03
+    )
     assert TIP[1] < BASE[1]

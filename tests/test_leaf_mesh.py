@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from leaf_pictures import BASE, blade_outline, coverage, petiole_outline, true_length
 
+from leaf_pictures import BASE, blade_outline, coverage, petiole_outline, true_length
 from leafwarp.errors import InputError
 from leafwarp.leaf.leaf import LeafMesh
 from leafwarp.leaf.mesh import check_disc, mesh_from_triangles
@@ -49,9 +49,7 @@ def test_counts_and_quality(shape: dict, vertices: int) -> None:
     mesh = triangulate(outline, tip, vertices)
     quality = check_disc(mesh)
     assert abs(mesh.vertex_count - vertices) <= max(0.02 * vertices, 2)
-    assert (
-        quality.minimum_angle > 20.0 and quality.mean_radius_ratio > 0.94
-    )  # 0.98 where teeth and petiole are few
+    assert quality.minimum_angle > 20.0 and quality.mean_radius_ratio > 0.94  # 0.98 where teeth and petiole are few
     assert quality.edge_variation < 0.18
     x, y = outline.T
     area = 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
@@ -102,10 +100,10 @@ def test_same_input_same_mesh() -> None:
 
 def test_mesh_scales_with_the_leaf() -> None:
     outline, tip = leaf_outline()
-    small, large = triangulate(outline, tip, 200), triangulate(outline * 1000.0, tip * 1000.0, 200)
-    # Rounding is amplified by the mesher's smoothing sweeps: 1e-4 of the leaf's length, a thousandth of an
-    # edge.
-    np.testing.assert_allclose(large.positions, 1000.0 * small.positions, rtol=0.0, atol=1e-4 * 100.0)
+    # A power of two scales every number without rounding, so that no choice of the mesher may differ.
+    small, large = triangulate(outline, tip, 200), triangulate(outline * 1024.0, tip * 1024.0, 200)
+    np.testing.assert_allclose(large.positions, 1024.0 * small.positions, rtol=0.0, atol=1e-9 * 1024.0)
+    np.testing.assert_array_equal(large.triangles, small.triangles)
 
 
 def test_thin_petiole_is_widened_to_a_strip() -> None:

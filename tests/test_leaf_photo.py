@@ -9,6 +9,7 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+
 from leaf_pictures import (
     BASE,
     HEIGHT,
@@ -21,7 +22,6 @@ from leaf_pictures import (
     true_length,
     write_image,
 )
-
 from leafwarp.errors import InputError
 from leafwarp.leaf.image_file import read_header
 from leafwarp.leaf.outline import find_outline
@@ -61,9 +61,7 @@ def test_formats_are_read_alike(tmp_path: Path, suffix: str) -> None:
     assert (header.width, header.height, header.orientation) == (WIDTH, HEIGHT, 1)
     read = read_photo(path).colour
     lossless = suffix in (".png", ".tiff")
-    assert np.abs(read.astype(int) - picture).mean() <= (
-        0.0 if lossless else 4.0
-    )  # the codecs' loss on grain
+    assert np.abs(read.astype(int) - picture).mean() <= (0.0 if lossless else 4.0)  # the codecs' loss on grain
 
 
 @pytest.mark.parametrize("suffix", FORMATS)
@@ -156,9 +154,7 @@ def test_depths_and_opacity(tmp_path: Path) -> None:
         shape = silhouette(read_photo(path))
         missed = (shape.inside != (cover > 0.5)).mean()
         assert missed < 0.006, path  # about a pixel along the margin
-    ramp = write_image(
-        tmp_path / "ramp.png", np.arange(0, 65536, 1024, dtype=np.uint16)[None].repeat(2, axis=0)
-    )
+    ramp = write_image(tmp_path / "ramp.png", np.arange(0, 65536, 1024, dtype=np.uint16)[None].repeat(2, axis=0))
     np.testing.assert_allclose(read_grey(ramp)[0], np.arange(0, 65536, 1024) / 65535.0, rtol=1e-12)
 
 
@@ -188,9 +184,7 @@ def test_tiff_orientation_that_swaps_the_axes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("teeth", [0, 40])
 def test_shape_and_petiole_of_a_drawn_leaf(tmp_path: Path, teeth: int) -> None:
-    photo = read_photo(
-        write_image(tmp_path / "leaf.png", draw_leaf(teeth=teeth, depth=0.06 if teeth else 0.0))
-    )
+    photo = read_photo(write_image(tmp_path / "leaf.png", draw_leaf(teeth=teeth, depth=0.06 if teeth else 0.0)))
     shape = silhouette(photo)
     truth = coverage(blade_outline(teeth, 0.06 if teeth else 0.0), petiole_outline()) > 0.5
     assert (shape.inside != truth).mean() < 0.006  # about a pixel along the margin; none of the shadow
@@ -205,9 +199,7 @@ def test_outline_is_below_a_pixel_and_smooth(tmp_path: Path) -> None:
     photo = read_photo(write_image(tmp_path / "leaf.png", draw_leaf(petiole=False, veins=False)))
     points = find_outline(photo, silhouette(photo), base=(210.0, 420.0)).points
     offset = (np.hypot((points[:, 0] - 210.0) / 120.0, (points[:, 1] - 230.0) / 190.0) - 1.0) * 150.0
-    assert (
-        np.abs(offset).max() < 1.0 and offset.std() < 0.35
-    )  # [pixels]; stair steps would give 0.3 and more alone
+    assert np.abs(offset).max() < 1.0 and offset.std() < 0.35  # [pixels]; stair steps would give 0.3 and more alone
 
 
 def test_base_override_and_its_refusal(tmp_path: Path) -> None:

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+
 from leaf_pictures import (
     BASE,
     HEIGHT,
@@ -20,7 +21,6 @@ from leaf_pictures import (
     true_length,
     write_image,
 )
-
 from leafwarp.errors import InputError
 from leafwarp.leaf import Leaf, prepare_leaf
 from leafwarp.leaf.mesh import check_disc
@@ -78,9 +78,7 @@ def test_frame_is_the_bounding_box_and_three_percent(leaf: Leaf) -> None:
     margin = 0.03 * (high - low).max()
     pixel = LENGTH / PIXELS
     origin, size = np.array(leaf.frame.origin), np.array(leaf.frame.size)
-    np.testing.assert_allclose(
-        low - origin, margin, atol=3.0 * pixel
-    )  # whole pixels, and the mesh cuts corners
+    np.testing.assert_allclose(low - origin, margin, atol=3.0 * pixel)  # whole pixels, and the mesh cuts corners
     np.testing.assert_allclose(origin + size - high, margin, atol=3.0 * pixel)
 
 
@@ -175,10 +173,7 @@ def test_cache_sees_a_changed_map_image(image: Path, tmp_path: Path) -> None:
 
 def test_cache_folder_that_cannot_be_made(image: Path, tmp_path: Path) -> None:
     (tmp_path / "file").write_text("in the way")
-    assert (
-        prepare_leaf(image, length=LENGTH, vertices=100, map_size=None, cache=tmp_path / "file").length
-        == LENGTH
-    )
+    assert prepare_leaf(image, length=LENGTH, vertices=100, map_size=None, cache=tmp_path / "file").length == LENGTH
 
 
 def test_warm_load_imports_none_of_the_heavy_libraries(image: Path, tmp_path: Path) -> None:

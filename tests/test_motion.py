@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from meshes import leaf_of, mesh_of, one_triangle, scene_of, strip
-from structure_reference import ROUNDING, crumpled, rig_of, stiffness_matrix
 
 from leafwarp.errors import SimulationError
 from leafwarp.sim.motion import BLOCK, Motion
 from leafwarp.sim.stable_step import step_limit
+from meshes import leaf_of, mesh_of, one_triangle, scene_of, strip
+from structure_reference import ROUNDING, crumpled, rig_of, stiffness_matrix
 
 FRAME = 1.0 / 24.0
 BENDING = {"bending_stiffness": 1e-6}
@@ -29,9 +29,7 @@ def test_free_fall_is_exact(device, precision):
     # Symplectic Euler falls by g dt^2 (1 + 2 + ... + n).
     fallen = gravity * FRAME**2 * (count + 1) / (2 * count)
     size = ROUNDING[precision] * np.abs(fallen).max()
-    np.testing.assert_allclose(
-        rig.get("position") - start, np.broadcast_to(fallen, start.shape), rtol=0, atol=size
-    )
+    np.testing.assert_allclose(rig.get("position") - start, np.broadcast_to(fallen, start.shape), rtol=0, atol=size)
     np.testing.assert_allclose(
         rig.get("velocity"), np.broadcast_to(gravity * FRAME, start.shape), rtol=0, atol=ROUNDING[precision]
     )
@@ -39,9 +37,7 @@ def test_free_fall_is_exact(device, precision):
 
 def test_wind_carries_a_free_leaf_to_its_speed(device, precision):
     wind = np.array([3.0, -1.0, 0.5])
-    rig = rig_of(
-        scene_of(BENDING, {"drag": 20.0, "wind": wind.tolist()}), strip(columns=6), device, precision
-    )
+    rig = rig_of(scene_of(BENDING, {"drag": 20.0, "wind": wind.tolist()}), strip(columns=6), device, precision)
     motion = free(rig)
     for frame in range(1, 25):
         motion.advance(FRAME, frame)
@@ -50,9 +46,7 @@ def test_wind_carries_a_free_leaf_to_its_speed(device, precision):
 
 
 def test_weight_and_drag_balance_at_the_terminal_speed(device, precision):
-    rig = rig_of(
-        scene_of(BENDING, {"gravity": [0, 0, -9.81], "drag": 30.0}), strip(columns=6), device, precision
-    )
+    rig = rig_of(scene_of(BENDING, {"gravity": [0, 0, -9.81], "drag": 30.0}), strip(columns=6), device, precision)
     motion = free(rig)
     for frame in range(1, 25):
         motion.advance(FRAME, frame)
@@ -132,9 +126,7 @@ def test_the_step_limit_is_that_of_symplectic_euler(tau, drag):
 
     def grows(step):
         # One step of (x, v): v' = v - dt (omega^2 x + c v), x' = x + dt v'.
-        update = np.array(
-            [[1 - step**2 * squared, step * (1 - step * damping)], [-step * squared, 1 - step * damping]]
-        )
+        update = np.array([[1 - step**2 * squared, step * (1 - step * damping)], [-step * squared, 1 - step * damping]])
         return np.abs(np.linalg.eigvals(update)).max() > 1.0 + 1e-9
 
     assert not grows(0.999 * limit) and grows(1.001 * limit)
@@ -192,9 +184,7 @@ def test_the_frequency_bound_counts_what_a_bent_hinge_holds(device, precision, a
         rig_of(scene, leaf_of(mesh), "cpu", "float64"),
     )
     for each in (rig, exact):
-        each.put(
-            position=flat, hinge_rest_angle=[-np.sign(angle) * 3.0], mass=np.ones(4), pinned=np.zeros(4, bool)
-        )
+        each.put(position=flat, hinge_rest_angle=[-np.sign(angle) * 3.0], mass=np.ones(4), pinned=np.zeros(4, bool))
     rig.forces("angular_springs")
 
     def forces(positions):
@@ -272,9 +262,7 @@ def test_a_frame_that_cannot_be_saved_is_an_error_and_is_taken_back(device, prec
     rig = rig_of(scene_of(solver={"maximum_substeps": 64}), one_triangle(), device, precision)
     motion, before = rig.motion(), rig.get("position")
     rig.put(velocity=np.full((3, 3), np.nan))
-    with pytest.raises(
-        SimulationError, match=r"frame 7: motion: a position or a speed is not a finite number"
-    ):
+    with pytest.raises(SimulationError, match=r"frame 7: motion: a position or a speed is not a finite number"):
         motion.advance(FRAME, 7)
     np.testing.assert_array_equal(rig.get("position"), before)
 
@@ -344,13 +332,8 @@ def test_mass_ratios_of_a_million_stay_finite(device, precision):
 
 
 def test_a_leaf_without_hinges_launches_nothing_for_them(device, precision):
-    rig = rig_of(
-        scene_of(BENDING, {"gravity": [0, 0, -9.81], "drag": 1.0}), one_triangle(), device, precision
-    )
-    assert rig.stage("angular_springs").launches == 0
+    rig = rig_of(scene_of(BENDING, {"gravity": [0, 0, -9.81], "drag": 1.0}), one_triangle(), device, precision)
+    assert "angular_springs" not in {stage.name for stage in rig.stages}
     assert rig.motion().advance(FRAME, 1) >= 1
     tiny = leaf_of(mesh_of([[0, 0], [1e-2, 0], [0, 1e-2]], [[0, 1, 2]]))
-    assert (
-        rig_of(scene_of(BENDING | {"bending": "paper"}), tiny, device, precision).motion().advance(FRAME, 1)
-        >= 1
-    )
+    assert rig_of(scene_of(BENDING | {"bending": "paper"}), tiny, device, precision).motion().advance(FRAME, 1) >= 1

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+from itertools import pairwise
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from meshes import leaf_of, mesh_of, strip
 
 from leafwarp.errors import InputError, OutputError
 from leafwarp.leaf.leaf import Leaf
@@ -16,6 +16,7 @@ from leafwarp.render.contact_sheet import PAPER, ContactSheet, choose_frames
 from leafwarp.render.renderer import LIGHT, LeafRenderer, to_linear, to_srgb
 from leafwarp.render.water_picture import map_picture, vertex_picture, water_colors
 from leafwarp.sim.frame import Frame
+from meshes import leaf_of, mesh_of, strip
 
 ABOVE = np.array([0.0, 0.0, 1.0])
 UP = np.array([0.0, 0.0, 1.0])
@@ -132,7 +133,7 @@ def test_srgb_round_trip() -> None:
 def test_choose_frames_covers_first_and_last(first: int, last: int, count: int) -> None:
     frames = choose_frames(first, last)
     assert (frames[0], frames[-1], len(frames)) == (first, last, count)
-    assert all(b > a for a, b in zip(frames, frames[1:]))
+    assert all(b > a for a, b in pairwise(frames))
 
 
 def test_water_ramp_gets_darker_with_water() -> None:

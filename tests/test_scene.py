@@ -93,14 +93,14 @@ def test_bad_values_are_named_with_what_is_accepted(small: Path, change: str, wo
 def test_toml_syntax_errors_name_the_file(tmp_path: Path, text: str) -> None:
     path = tmp_path / "broken.toml"
     path.write_text(text)
-    with pytest.raises(InputError, match="broken.toml: not valid TOML"):
+    with pytest.raises(InputError, match=r"broken\.toml: not valid TOML"):
         load_scene(path)
 
 
 def test_a_missing_key_is_named(tmp_path: Path) -> None:
     path = tmp_path / "short.toml"
     path.write_text(SMALL.replace('duration = "2 h"', ""))
-    with pytest.raises(InputError, match="time.duration: missing; Plant time"):
+    with pytest.raises(InputError, match=r"time\.duration: missing; Plant time"):
         load_scene(path)
 
 

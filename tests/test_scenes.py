@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from conftest import SCENES
 
+from conftest import SCENES
 from leafwarp.leaf.mesh import check_disc
 from leafwarp.scene import Scene, load_scene
 from leafwarp.sim.simulation import Simulation

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from meshes import scene_of, strip, two_triangles
-from structure_reference import ROUNDING, angle_of, crumpled, rig_of, total_torque
 
 from leafwarp.sim import material
+from meshes import scene_of, strip, two_triangles
+from structure_reference import ROUNDING, angle_of, crumpled, rig_of, total_torque
 
 STRUCTURE = {"bending_stiffness": 1e-6, "damping": 0.0}
 
@@ -33,11 +33,7 @@ def printed_angle(a, b, c, d) -> float:
 def completed_angle(a, b, c, d) -> float:
     """The same with the continuous completion 2 pi - theta."""
     theta = printed_angle(a, b, c, d)
-    return (
-        theta
-        if theta <= np.pi and np.dot(np.cross(b - a, c - a), d - a) >= 0.0
-        else 2 * np.pi - (theta - np.pi)
-    )
+    return theta if theta <= np.pi and np.dot(np.cross(b - a, c - a), d - a) >= 0.0 else 2 * np.pi - (theta - np.pi)
 
 
 def measured(rig, positions) -> float:
@@ -110,16 +106,10 @@ def test_the_paper_force_is_along_the_normals_and_conserves_linear_momentum(devi
         base, along = mesh.positions[hinge[0]], mesh.positions[hinge[1]] - mesh.positions[hinge[0]]
         sides = mesh.positions[hinge[2:]] - base
         arms = np.abs(along[0] * sides[:, 1] - along[1] * sides[:, 0]) / np.linalg.norm(along)
-        size = (
-            -rig.get("hinge_stiffness")[h]
-            * (angle_of(a, b, c, d) - rig.get("hinge_rest_angle")[h])
-            / np.mean(arms)
-        )
+        size = -rig.get("hinge_stiffness")[h] * (angle_of(a, b, c, d) - rig.get("hinge_rest_angle")[h]) / np.mean(arms)
         first, second = np.cross(b - a, c - a), np.cross(d - a, b - a)
         push_c, push_d = size * first / np.linalg.norm(first), size * second / np.linalg.norm(second)
-        for vertex, push in zip(
-            hinge, (-(push_c + push_d) / 2, -(push_c + push_d) / 2, push_c, push_d), strict=True
-        ):
+        for vertex, push in zip(hinge, (-(push_c + push_d) / 2, -(push_c + push_d) / 2, push_c, push_d), strict=True):
             expected[vertex] += push
     np.testing.assert_allclose(forces, expected, rtol=0, atol=ROUNDING[precision] * np.abs(expected).max())
     assert np.linalg.norm(forces.sum(axis=0)) < 1e-2 * ROUNDING[precision] * np.abs(forces).sum()
@@ -132,9 +122,7 @@ def test_the_paper_force_equals_the_gradient_on_a_symmetric_hinge(device, precis
         rig = rig_of(scene_of(STRUCTURE | {"bending": bending}), leaf, device, precision)
         rig.put(position=folded(leaf, 0.7))
         results.append(rig.forces("angular_springs" if bending == "gradient" else "paper_bending"))
-    np.testing.assert_allclose(
-        results[1], results[0], rtol=0, atol=ROUNDING[precision] * np.abs(results[0]).max()
-    )
+    np.testing.assert_allclose(results[1], results[0], rtol=0, atol=ROUNDING[precision] * np.abs(results[0]).max())
 
 
 def test_the_paper_force_loses_angular_momentum_and_says_how_much(device, precision):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+
 from meshes import scene_of, strip, two_triangles
 from structure_reference import (
     ROUNDING,
@@ -29,9 +30,7 @@ def shaken(device, precision, structure=BENDING, amount=0.25, leaf=None, **table
 
 
 def close(actual, expected, precision, factor=1.0):
-    np.testing.assert_allclose(
-        actual, expected, rtol=0.0, atol=factor * ROUNDING[precision] * np.abs(expected).max()
-    )
+    np.testing.assert_allclose(actual, expected, rtol=0.0, atol=factor * ROUNDING[precision] * np.abs(expected).max())
 
 
 def test_edge_forces_are_minus_the_gradient_of_the_energy(device, precision):
@@ -91,9 +90,7 @@ def test_springs_and_their_damping_conserve_linear_and_angular_momentum(device, 
     forces = rig.forces(name)
     size = np.abs(forces).sum()
     assert np.linalg.norm(forces.sum(axis=0)) < 1e-2 * ROUNDING[precision] * size
-    assert (
-        np.linalg.norm(total_torque(positions, forces)) < 1e-2 * ROUNDING[precision] * size * rig.leaf.length
-    )
+    assert np.linalg.norm(total_torque(positions, forces)) < 1e-2 * ROUNDING[precision] * size * rig.leaf.length
 
 
 @pytest.mark.parametrize("name", ["edge_springs", "angular_springs"])

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from meshes import leaf_of, mesh_of, scene_of, strip, two_triangles
 
 from leafwarp.sim import material
 from leafwarp.sim.material import (
@@ -14,6 +13,7 @@ from leafwarp.sim.material import (
     hinge_stiffness,
     pinned_vertices,
 )
+from meshes import leaf_of, mesh_of, scene_of, strip, two_triangles
 
 
 def test_an_equilateral_sheet_has_the_membrane_stiffness_asked_for():

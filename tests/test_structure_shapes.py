@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from meshes import leaf_of, mesh_of, one_triangle, scene_of, strip, two_triangles
-from structure_reference import crumpled, rig_of
 
 from leafwarp.errors import SimulationError
 from leafwarp.sim.material import hinge_span
+from meshes import leaf_of, mesh_of, one_triangle, scene_of, strip, two_triangles
+from structure_reference import crumpled, rig_of
 
 FRAME = 1.0 / 24.0
 
@@ -36,9 +36,7 @@ def test_a_strip_curls_to_the_curvature_asked_for(device, precision, sign):
 
 def test_a_flat_leaf_shrinks_to_the_scaled_shape(device, precision):
     leaf = strip(columns=8, jitter=0.2)
-    rig = rig_of(
-        scene_of({"membrane_stiffness": 5.0}, {"pin_radius": 0.0, "drag": 5.0}), leaf, device, precision
-    )
+    rig = rig_of(scene_of({"membrane_stiffness": 5.0}, {"pin_radius": 0.0, "drag": 5.0}), leaf, device, precision)
     motion, rest = rig.motion(), rig.get("edge_rest_length")
     # Little by little, as a leaf dries: a sudden pull turns corner triangles over, which costs no energy in
     # the plane.
@@ -47,9 +45,7 @@ def test_a_flat_leaf_shrinks_to_the_scaled_shape(device, precision):
         assert motion.settle(tolerance=1e-4).settled
     base = leaf.mesh.positions[np.flatnonzero(rig.get("pinned"))[0]]
     position = rig.get("position")
-    np.testing.assert_allclose(
-        position[:, :2], base + 0.8 * (leaf.mesh.positions - base), rtol=0, atol=2e-4 * 0.1
-    )
+    np.testing.assert_allclose(position[:, :2], base + 0.8 * (leaf.mesh.positions - base), rtol=0, atol=2e-4 * 0.1)
     assert np.all(position[:, 2] == 0.0)
 
 
@@ -97,9 +93,7 @@ def test_slivers(device, precision, height):
 @pytest.mark.parametrize("overshoot", [0.0, 1e-7, -1e-7])
 def test_hinges_folded_flat(device, precision, bending, overshoot):
     leaf = two_triangles()
-    scene = scene_of(
-        {"bending_stiffness": 1e-7, "bending": bending}, {"drag": 2.0}, solver={"maximum_substeps": 1024}
-    )
+    scene = scene_of({"bending_stiffness": 1e-7, "bending": bending}, {"drag": 2.0}, solver={"maximum_substeps": 1024})
     rig = rig_of(scene, leaf, device, precision)
     folded = np.column_stack((leaf.mesh.positions, np.zeros(4)))
     folded[3] = folded[2] + [0.0, 0.0, overshoot]
@@ -110,9 +104,7 @@ def test_hinges_folded_flat(device, precision, bending, overshoot):
 @pytest.mark.parametrize("bending", ["gradient", "paper"])
 def test_edges_of_no_length_and_triangles_of_no_area(device, precision, bending):
     leaf = strip(columns=4)
-    scene = scene_of(
-        {"bending_stiffness": 1e-7, "bending": bending}, {"drag": 2.0}, solver={"maximum_substeps": 1024}
-    )
+    scene = scene_of({"bending_stiffness": 1e-7, "bending": bending}, {"drag": 2.0}, solver={"maximum_substeps": 1024})
     collapsed = np.column_stack((leaf.mesh.positions, np.zeros(leaf.mesh.vertex_count)))
     collapsed[leaf.mesh.edges[5, 0]] = collapsed[leaf.mesh.edges[5, 1]]
     rig = rig_of(scene, leaf, device, precision)

@@ -9,10 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pxr import Gf, Sdf, Usd, UsdGeom, UsdShade, Vt
-from usd_sample import sample_frame, sample_leaf, write_sample
 
 from leafwarp.usd.check import check_usd
 from leafwarp.usd.writer import UsdWriter
+from usd_sample import sample_frame, sample_leaf, write_sample
 
 COUNT = 4
 MESH = "/Leaf/geo/leaf"
@@ -24,9 +24,7 @@ def attribute(stage: Usd.Stage, name: str) -> Usd.Attribute:
     return stage.GetPrimAtPath(MESH).GetAttribute(name)
 
 
-def put(
-    name: str, value: Callable[[np.ndarray], np.ndarray], time: float | None = 2.0
-) -> Callable[[Usd.Stage], None]:
+def put(name: str, value: Callable[[np.ndarray], np.ndarray], time: float | None = 2.0) -> Callable[[Usd.Stage], None]:
     """Plants a changed array at one time (None: the default)."""
 
     def plant(stage: Usd.Stage) -> None:

@@ -14,14 +14,14 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import usd_sample
 from pxr import Usd, UsdGeom, UsdUtils
-from usd_sample import open_afresh, sample_frame, sample_leaf, write_sample
 
 import leafwarp.errors
+import usd_sample
 from leafwarp.errors import OutputError
 from leafwarp.usd.check import check_usd
 from leafwarp.usd.writer import UsdWriter
+from usd_sample import open_afresh, sample_frame, sample_leaf, write_sample
 
 pytestmark = pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="this system has no SIGKILL")
 
@@ -40,9 +40,7 @@ def environment() -> dict[str, str]:
 
 def run_child(path: Path, *options: object) -> tuple[int, list[str]]:
     """Run the sample writer to its end: exit code and the lines it said."""
-    child = subprocess.run(
-        command(path, *options), env=environment(), capture_output=True, text=True, timeout=60
-    )
+    child = subprocess.run(command(path, *options), env=environment(), capture_output=True, text=True, timeout=60)
     assert "Traceback" not in child.stderr, child.stderr
     return child.returncode, child.stdout.splitlines()
 
@@ -138,10 +136,7 @@ def killed_run(tmp_path_factory) -> Path:
     """The folder of a run that was killed after all its frames, before the merge was in place."""
     folder = tmp_path_factory.mktemp("killed")
     last = PUBLISHED_BEFORE_FRAMES + COUNT + 1
-    assert (
-        run_child(folder / "leaf.usd", "--count", COUNT, "--kill-at", f"os.rename:{last}")[0]
-        == -signal.SIGKILL
-    )
+    assert run_child(folder / "leaf.usd", "--count", COUNT, "--kill-at", f"os.rename:{last}")[0] == -signal.SIGKILL
     return folder
 
 
@@ -191,9 +186,7 @@ def test_a_failed_start_keeps_the_frames_of_a_killed_run(tmp_path, killed_run):
     assert len(list((tmp_path / "leaf.usd.frames").glob("frame.*.usdc"))) == COUNT
 
 
-needs_file_limit = pytest.mark.skipif(
-    not hasattr(signal, "SIGXFSZ"), reason="this system has no file size limit"
-)
+needs_file_limit = pytest.mark.skipif(not hasattr(signal, "SIGXFSZ"), reason="this system has no file size limit")
 
 
 def assert_no_litter(folder: Path) -> None:

@@ -11,11 +11,11 @@ import cv2
 import numpy as np
 import pytest
 from pxr import Kind, Sdf, Usd, UsdGeom, UsdShade
-from usd_sample import FPS, open_afresh, sample_frame, sample_leaf, write_sample
 
 from leafwarp.errors import InputError, OutputError, SimulationError
 from leafwarp.usd.check import check_usd
 from leafwarp.usd.writer import UsdWriter
+from usd_sample import FPS, open_afresh, sample_frame, sample_leaf, write_sample
 
 COUNT = 6
 SUFFIXES = ("usd", "usdc", "usda")
@@ -89,9 +89,7 @@ def test_stage_facts(tmp_path):
     points = UsdGeom.Mesh(stage.GetPrimAtPath("/Leaf/geo/leaf")).GetPointsAttr()
     assert points.GetTimeSamples() == [float(index) for index in range(1, COUNT + 1)]
     assert stage.GetRootLayer().customLayerData == {"leafwarp": {"seed": "7", "a:b": "colon"}}
-    assert (
-        len(stage.GetLayerStack(includeSessionLayers=False)) == 1
-    )  # one file, nothing beside it but the texture
+    assert len(stage.GetLayerStack(includeSessionLayers=False)) == 1  # one file, nothing beside it but the texture
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
@@ -166,13 +164,10 @@ def test_color_that_was_not_asked_for_is_not_written(tmp_path, read_mesh):
 @pytest.mark.parametrize("suffix", SUFFIXES)
 def test_two_runs_give_the_same_bytes(tmp_path, suffix):
     first, second = (
-        write_sample(tmp_path / folder / f"leaf.{suffix}", COUNT, color=True)
-        for folder in ("first", "second")
+        write_sample(tmp_path / folder / f"leaf.{suffix}", COUNT, color=True) for folder in ("first", "second")
     )
     assert first.read_bytes() == second.read_bytes()
-    assert (
-        first.with_name("leaf_texture.png").read_bytes() == second.with_name("leaf_texture.png").read_bytes()
-    )
+    assert first.with_name("leaf_texture.png").read_bytes() == second.with_name("leaf_texture.png").read_bytes()
 
 
 def test_suffix_usda_is_text_and_the_others_are_binary(tmp_path):
@@ -202,15 +197,11 @@ def test_odd_names_work_during_and_after_a_run(tmp_path, read_mesh, name):
 
 def test_the_folder_can_be_moved_in_mid_run_and_after(tmp_path, read_mesh):
     leaf = sample_leaf()
-    writer = UsdWriter(
-        tmp_path / "here" / "leaf.usd", leaf, sample_frame(leaf, 0), frames=range(1, 4), fps=FPS
-    )
+    writer = UsdWriter(tmp_path / "here" / "leaf.usd", leaf, sample_frame(leaf, 0), frames=range(1, 4), fps=FPS)
     writer.write(sample_frame(leaf, 1))
     (tmp_path / "here").rename(tmp_path / "there")
     assert check_usd(tmp_path / "there" / "leaf.usd", unfinished=True) == []
-    assert_same_bits(
-        read_mesh(tmp_path / "there" / "leaf.usd").GetPointsAttr(), 1, sample_frame(leaf, 1).points
-    )
+    assert_same_bits(read_mesh(tmp_path / "there" / "leaf.usd").GetPointsAttr(), 1, sample_frame(leaf, 1).points)
 
 
 @pytest.mark.parametrize("frames", (range(0, 3), range(9998, 10003), range(2, 12, 3)))
@@ -271,9 +262,7 @@ def test_misuse_is_refused(writer):
     frame = sample_frame(leaf, 1)
     with pytest.raises(ValueError, match="frame 5: not one of"):
         writer.write(sample_frame(leaf, 5))
-    with pytest.raises(
-        ValueError, match=r"frame 1: primvars:water: shape \(39,\) given, shape \(40,\) expected"
-    ):
+    with pytest.raises(ValueError, match=r"frame 1: primvars:water: shape \(39,\) given, shape \(40,\) expected"):
         writer.write(dataclasses.replace(frame, water=frame.water[1:]))
     writer.write(frame)
     with pytest.raises(ValueError, match=r"frame 1: .* written before"):
@@ -337,9 +326,7 @@ def texture_is_a_folder(folder: Path) -> tuple[Path, str]:
     return folder / "leaf.usd", "Is a directory"
 
 
-@pytest.mark.parametrize(
-    "spoil", (parent_is_a_file, root_is_a_folder, frame_folder_is_a_file, texture_is_a_folder)
-)
+@pytest.mark.parametrize("spoil", (parent_is_a_file, root_is_a_folder, frame_folder_is_a_file, texture_is_a_folder))
 def test_a_place_that_cannot_be_written_is_one_line(tmp_path, spoil):
     path, reason = spoil(tmp_path)
     before = sorted(tmp_path.rglob("*"))
@@ -375,6 +362,4 @@ def test_frame_layer_holds_samples_only(writer, tmp_path):
     writer.write(sample_frame(sample_leaf(), 3))
     layer = Sdf.Layer.OpenAsAnonymous(str(tmp_path / "leaf.usd.frames" / "frame.0003.usdc"))
     assert layer.ListAllTimeSamples() == [3.0]
-    assert not any(
-        attribute.HasDefaultValue() for attribute in layer.GetPrimAtPath("/Leaf/geo/leaf").attributes
-    )
+    assert not any(attribute.HasDefaultValue() for attribute in layer.GetPrimAtPath("/Leaf/geo/leaf").attributes)

@@ -29,9 +29,7 @@ def sample_leaf(columns: int = 5, rows: int = 8) -> Leaf:
     upper = np.stack((corner, corner + columns + 1, corner + columns), axis=1)
     triangles = np.concatenate((lower, upper)).astype(np.int32)
     no_springs = np.zeros((0, 4), np.int32)
-    mesh = LeafMesh(
-        positions, triangles, no_springs[:, :2], no_springs, np.zeros(0), np.zeros(len(positions))
-    )
+    mesh = LeafMesh(positions, triangles, no_springs[:, :2], no_springs, np.zeros(0), np.zeros(len(positions)))
     texture = np.zeros((16, 12, 3), np.uint8)
     texture[:8, :6], texture[:8, 6:], texture[8:, :6], texture[8:, 6:] = (
         (200, 30, 20),
@@ -62,9 +60,7 @@ def sample_frame(leaf: Leaf, index: int, count: int = 24, color: bool = False) -
     )
 
 
-def write_sample(
-    path: Path, count: int = 6, color: bool = False, leaf: Leaf | None = None, **options
-) -> Path:
+def write_sample(path: Path, count: int = 6, color: bool = False, leaf: Leaf | None = None, **options) -> Path:
     """Write ``count`` frames of the sample leaf to ``path``."""
     from leafwarp.usd.writer import UsdWriter
 

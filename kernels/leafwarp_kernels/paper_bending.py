@@ -38,9 +38,7 @@ def paper_bending_forces(
     b = hinge_vertices[hinge, 1]
     c = hinge_vertices[hinge, 2]
     d = hinge_vertices[hinge, 3]
-    angle, gradient_c, gradient_d, foot_c, foot_d = dihedral(
-        position[a], position[b], position[c], position[d]
-    )
+    angle, gradient_c, gradient_d, foot_c, foot_d = dihedral(position[a], position[b], position[c], position[d])
     angle = continued(angle, hinge_angle[hinge])
     hinge_angle[hinge] = angle
     base = velocity[a]

@@ -65,9 +65,7 @@ def edge_bound(
         along = here - position[vertex_neighbors[k]]
         inverse = edge_stiffness.dtype(1.0) / wp.max(wp.length(along), edge_stiffness.dtype(1.0e-12))
         stiffness = edge_stiffness.dtype(2.0) * edge_stiffness[edge]
-        stretch = wp.max(
-            edge_stiffness.dtype(0.0), edge_stiffness.dtype(1.0) - edge_rest_length[edge] * inverse
-        )
+        stretch = wp.max(edge_stiffness.dtype(0.0), edge_stiffness.dtype(1.0) - edge_rest_length[edge] * inverse)
         direction = along * inverse
         bound += wp.outer(direction, direction) * (stiffness * (edge_stiffness.dtype(1.0) - stretch))
         across += stiffness * stretch

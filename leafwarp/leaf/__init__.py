@@ -131,9 +131,7 @@ def _check_arguments(
         return
     whole = len(map_size) == 2 and all(side == int(side) and 1 <= side <= 8192 for side in map_size)
     if not whole:
-        raise InputError(
-            f"{image}: map_size: value {map_size!r} is not accepted; accepted: two numbers from 1 to 8192"
-        )
+        raise InputError(f"{image}: map_size: value {map_size!r} is not accepted; accepted: two numbers from 1 to 8192")
 
 
 def _checked_maps(image: Path, maps: Mapping[str, str | float | Path]) -> dict[str, str | float | Path]:
@@ -147,9 +145,7 @@ def _checked_maps(image: Path, maps: Mapping[str, str | float | Path]) -> dict[s
         if name not in maps or name in checked:
             continue
         value = maps[name]
-        accepted = (
-            "'auto' or an image path" if name == "source" else "'auto', a number from 0 to 1 or an image path"
-        )
+        accepted = "'auto' or an image path" if name == "source" else "'auto', a number from 0 to 1 or an image path"
         if isinstance(value, str | Path):
             checked[name] = value if value == "auto" else Path(value)
         elif name != "source" and not isinstance(value, bool) and 0.0 <= value <= 1.0:

@@ -14,9 +14,7 @@ def inner_pixels(inside: np.ndarray, depth: float) -> np.ndarray:
     """
     import cv2
 
-    margin = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)[
-        1:-1, 1:-1
-    ]
+    margin = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     reach = 2 * int(np.ceil(depth)) + 1
     deepest = cv2.dilate(margin, np.ones((reach, reach), np.uint8))
     return inside & (margin >= np.minimum(depth, 0.65 * deepest))
@@ -26,9 +24,7 @@ def near_margin(inside: np.ndarray, distance: float) -> np.ndarray:
     """Pixels of a shape up to so far from its margin [pixels]."""
     import cv2
 
-    margin = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)[
-        1:-1, 1:-1
-    ]
+    margin = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     return inside & (margin < distance)
 
 

@@ -30,9 +30,7 @@ def load_leaf(path: Path) -> Leaf | None:
         with np.load(path, allow_pickle=False) as stored:
             mesh = LeafMesh(**{name: stored[name] for name in _MESH_ARRAYS})
             origin, size = stored["frame"].tolist()
-            maps = {
-                name.removeprefix("map_"): stored[name] for name in stored.files if name.startswith("map_")
-            }
+            maps = {name.removeprefix("map_"): stored[name] for name in stored.files if name.startswith("map_")}
             return Leaf(
                 mesh=mesh,
                 frame=MapFrame(tuple(origin), tuple(size)),
@@ -41,9 +39,7 @@ def load_leaf(path: Path) -> Leaf | None:
                 mask=stored["mask"] if "mask" in stored.files else None,
                 maps=maps,
             )
-    except (
-        Exception
-    ):  # a damaged archive fails in many ways, each with its own type; the leaf is then made anew
+    except Exception:  # a damaged archive fails in many ways, each with its own type; the leaf is then made anew
         return None
 
 

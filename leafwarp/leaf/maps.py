@@ -161,9 +161,7 @@ def leaf_cells(coverage: np.ndarray, base: tuple[int, int], tip: tuple[int, int]
     sizes[0] = 0
     main = int(np.argmax(sizes)) if sizes.any() else int(labels[base])
     joined = labels == main
-    wanted = {int(labels[base]), int(labels[tip])} | set(
-        np.nonzero(sizes >= PIECE_SHARE * sizes.sum())[0].tolist()
-    )
+    wanted = {int(labels[base]), int(labels[tip])} | set(np.nonzero(sizes >= PIECE_SHARE * sizes.sum())[0].tolist())
     for label in sorted(wanted - {main, 0}, key=lambda label: (-sizes[label], label)):
         piece = labels == label
         if (joined & piece).any():
@@ -223,9 +221,7 @@ def find_veins(photo: Photo, outline: Outline) -> list[Branch]:
     return [Branch(branch.points / scales + low, branch.flow) for branch in branches]
 
 
-def _draw(
-    branches: list[Branch], outline: Outline, frame: PixelFrame, map_size: tuple[int, int]
-) -> np.ndarray:
+def _draw(branches: list[Branch], outline: Outline, frame: PixelFrame, map_size: tuple[int, int]) -> np.ndarray:
     """Flow capacity of the cells: Q to the power 4/3 * 0.35, drawn antialiased and at least two cells wide.
 
     A vein narrower than two cells would conduct according to how it happens to lie between cell centres.
@@ -234,9 +230,7 @@ def _draw(
 
     across, down = _refinement(map_size, frame, least=3)
     fine = np.zeros((map_size[1] * down, map_size[0] * across), np.uint8)
-    pixel = float(
-        np.mean(np.divide(frame.size, (fine.shape[1], fine.shape[0])))
-    )  # photo pixels, nearly isotropic
+    pixel = float(np.mean(np.divide(frame.size, (fine.shape[1], fine.shape[0]))))  # photo pixels, nearly isotropic
     cell = max(np.divide(frame.size, map_size))
     widest = min(0.6 * outline.petiole_width, 0.02 * outline.length)  # a midrib is narrower than the petiole
     narrowest = min(2.0 * cell, 0.06 * outline.length)

@@ -42,13 +42,9 @@ def mesh_from_triangles(positions: np.ndarray, triangles: np.ndarray) -> LeafMes
     positions = np.ascontiguousarray(positions, np.float64)
     triangles = np.ascontiguousarray(triangles, np.int32)
     if positions.ndim != 2 or positions.shape[1] != 2 or not np.isfinite(positions).all():
-        raise InputError(
-            f"mesh: positions of shape {positions.shape} are not accepted; accepted: finite, [count, 2]"
-        )
+        raise InputError(f"mesh: positions of shape {positions.shape} are not accepted; accepted: finite, [count, 2]")
     if triangles.ndim != 2 or triangles.shape[1] != 3 or len(triangles) == 0:
-        raise InputError(
-            f"mesh: triangles of shape {triangles.shape} are not accepted; accepted: [count >= 1, 3]"
-        )
+        raise InputError(f"mesh: triangles of shape {triangles.shape} are not accepted; accepted: [count >= 1, 3]")
     _refuse_bad_indices(triangles, len(positions))
     topology = _topology(positions, triangles)
     areas = _signed_areas(positions, triangles)
@@ -93,9 +89,7 @@ def check_disc(mesh: LeafMesh) -> MeshQuality:
         raise InputError(f"mesh: edge {bad} belongs to {shared.max()} triangles; accepted: 1 or 2")
     directed = topology.edges.astype(np.int64) @ np.array([mesh.vertex_count, 1])
     if len(np.unique(directed)) < len(directed):
-        raise InputError(
-            "mesh: two triangles run through a shared edge in the same direction; orientation differs"
-        )
+        raise InputError("mesh: two triangles run through a shared edge in the same direction; orientation differs")
     _check_boundary(topology.edges[shared[topology.edges_unique_inverse] == 1])
     pieces = 1 + int(topology_labels(topology).max())
     if pieces != 1:
@@ -122,9 +116,7 @@ def _topology(positions: np.ndarray, triangles: np.ndarray) -> trimesh.Trimesh:
 
 def _refuse_bad_indices(triangles: np.ndarray, vertex_count: int) -> None:
     if triangles.min() < 0 or triangles.max() >= vertex_count:
-        raise InputError(
-            f"mesh: vertex index {triangles.max()} is not accepted; accepted: 0 to {vertex_count - 1}"
-        )
+        raise InputError(f"mesh: vertex index {triangles.max()} is not accepted; accepted: 0 to {vertex_count - 1}")
     repeated = (triangles == np.roll(triangles, 1, axis=1)).any(axis=1)
     if repeated.any():
         bad = int(np.argmax(repeated))
@@ -147,9 +139,7 @@ def _check_boundary(boundary: np.ndarray) -> None:
     while steps == 0 or (vertex != first and steps <= len(boundary)):
         vertex, steps = successor[vertex], steps + 1
     if steps != len(boundary):
-        raise InputError(
-            f"mesh: its boundary is more than one loop ({steps} of {len(boundary)} edges in the first)"
-        )
+        raise InputError(f"mesh: its boundary is more than one loop ({steps} of {len(boundary)} edges in the first)")
 
 
 def _hinges(triangles: np.ndarray, edge_of: np.ndarray) -> np.ndarray:

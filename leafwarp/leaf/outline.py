@@ -22,9 +22,7 @@ STALK_OPENINGS = (
     0.45,
 )  # radii that a stalk vanishes under, as shares of the blade's inradius
 STALK_SLENDERNESS = 2.2  # least length over width
-STALK_EVENNESS = (
-    0.55  # least width near the tip over width near the blade; an acuminate tip tapers to nothing
-)
+STALK_EVENNESS = 0.55  # least width near the tip over width near the blade; an acuminate tip tapers to nothing
 STALK_LENGTH = 0.035  # least length, as a share of the leaf's extent
 
 
@@ -72,12 +70,7 @@ def find_outline(photo: Photo, shape: Silhouette, base: tuple[float, float] | No
             found = base_by_veins(photo, shape, points)
     else:
         found = np.asarray(base, float)
-        if (
-            found.shape != (2,)
-            or not np.isfinite(found).all()
-            or (found < 0).any()
-            or (found > photo.size).any()
-        ):
+        if found.shape != (2,) or not np.isfinite(found).all() or (found < 0).any() or (found > photo.size).any():
             raise InputError(
                 f"{photo.path}: base: value {base!r} is not accepted; accepted: x, y in pixels of the photo, "
                 f"within {photo.size[0]} x {photo.size[1]}"

@@ -157,9 +157,7 @@ def _colour_and_alpha(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray | None
     if pixels.ndim == 2:
         return cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB), None
     if pixels.shape[2] == 2:
-        return cv2.cvtColor(np.ascontiguousarray(pixels[..., 0]), cv2.COLOR_GRAY2RGB), _varying(
-            pixels[..., 1]
-        )
+        return cv2.cvtColor(np.ascontiguousarray(pixels[..., 0]), cv2.COLOR_GRAY2RGB), _varying(pixels[..., 1])
     if pixels.shape[2] == 4:
         return cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), _varying(pixels[..., 3])
     return cv2.cvtColor(pixels[..., :3], cv2.COLOR_BGR2RGB), None

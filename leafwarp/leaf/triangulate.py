@@ -42,9 +42,7 @@ def triangulate(outline: np.ndarray, tip: np.ndarray, vertices: int) -> LeafMesh
     area = 0.5 * abs(np.dot(x, np.roll(y, -1)) - np.dot(y, np.roll(x, -1)))
     perimeter = np.linalg.norm(np.roll(outline, -1, axis=0) - outline, axis=1).sum()
     # V = 1 + (F + B)/2 with F = area / (sqrt(3)/4 h^2) triangles and B = perimeter / h boundary edges.
-    edge = (perimeter + np.sqrt(perimeter**2 + 32.0 / np.sqrt(3.0) * area * (vertices - 1))) / (
-        4.0 * (vertices - 1)
-    )
+    edge = (perimeter + np.sqrt(perimeter**2 + 32.0 / np.sqrt(3.0) * area * (vertices - 1))) / (4.0 * (vertices - 1))
     best, best_error, polygon = None, np.inf, None
     for _ in range(TRIES):
         # Near the target the boundary stays as it is: another choice of teeth would change the count by
@@ -83,9 +81,7 @@ def boundary_polygon(outline: np.ndarray, tip: np.ndarray, edge: float) -> np.nd
         count = max(8, round(np.linalg.norm(np.roll(fit, -1, axis=0) - fit, axis=1).sum() / edge))
         polygon = resample_closed(anchored, count)
         if not _is_simple(polygon):
-            raise InputError(
-                "mesh: the outline crosses itself at this edge length; accepted: more vertices, or a mask"
-            )
+            raise InputError("mesh: the outline crosses itself at this edge length; accepted: more vertices, or a mask")
     return polygon
 
 
@@ -122,9 +118,7 @@ def _widening(inside: np.ndarray) -> np.ndarray:
     # The middle: no deeper pixel beside it across at least one direction.
     middle = np.zeros(inside.shape, bool)
     for step in ((0, 1), (1, 0), (1, 1), (1, -1)):
-        middle |= (depth >= np.roll(depth, step, (0, 1))) & (
-            depth >= np.roll(depth, (-step[0], -step[1]), (0, 1))
-        )
+        middle |= (depth >= np.roll(depth, step, (0, 1))) & (depth >= np.roll(depth, (-step[0], -step[1]), (0, 1)))
     middle &= (inside > 0) & long[labels] & (depth >= 0.75 * cv2.dilate(depth, np.ones((5, 5), np.uint8)))
     return cv2.dilate(middle.astype(np.uint8), _disc(radius)) if middle.any() else np.zeros_like(inside)
 
@@ -190,9 +184,7 @@ def _is_simple(polygon: np.ndarray) -> bool:
     a, b = polygon, np.roll(polygon, -1, axis=0)
 
     def side(p: np.ndarray, q: np.ndarray, r: np.ndarray) -> np.ndarray:
-        return (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1]) - (q[..., 1] - p[..., 1]) * (
-            r[..., 0] - p[..., 0]
-        )
+        return (q[..., 0] - p[..., 0]) * (r[..., 1] - p[..., 1]) - (q[..., 1] - p[..., 1]) * (r[..., 0] - p[..., 0])
 
     for index in range(count):
         others = np.arange(index + 2, count - (index == 0))
@@ -218,9 +210,7 @@ def _fill(polygon: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
     except Exception as error:  # netgen raises its own type with a text of its own
         raise InputError(f"mesh: the outline cannot be filled with triangles: {error}") from error
     positions = np.array([tuple(point.p)[:2] for point in filled.Points()]) * edge
-    triangles = (
-        np.array([[vertex.nr for vertex in face.vertices] for face in filled.Elements2D()], np.int64) - 1
-    )
+    triangles = np.array([[vertex.nr for vertex in face.vertices] for face in filled.Elements2D()], np.int64) - 1
     if len(triangles) == 0:
         raise InputError("mesh: the outline cannot be filled with triangles")
     positions[np.argmin(np.hypot(*positions.T))] = 0.0

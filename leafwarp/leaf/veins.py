@@ -68,9 +68,7 @@ def _stalk_middle(inside: np.ndarray) -> np.ndarray:
     elsewhere."""
     import cv2
 
-    margin = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)[
-        1:-1, 1:-1
-    ]
+    margin = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
     reach = 2 * int(np.ceil(THIN * max(inside.shape))) + 1
     deepest = cv2.dilate(margin, np.ones((reach, reach), np.uint8))
     thin = deepest < 0.5 * THIN * max(inside.shape)

@@ -20,8 +20,8 @@ _FINE = 3  # supersampling of pictures that are drawn from triangles
 
 def water_colors(water: np.ndarray) -> np.ndarray:
     """sRGB of relative water contents, float64 in [0, 255], shape [..., 3]."""
-    contents, colors = zip(*_RAMP)
-    return np.stack([np.interp(water, contents, channel) for channel in zip(*colors)], axis=-1)
+    contents, colors = zip(*_RAMP, strict=True)
+    return np.stack([np.interp(water, contents, channel) for channel in zip(*colors, strict=True)], axis=-1)
 
 
 def map_picture(water: np.ndarray, mask: np.ndarray, size: tuple[int, int]) -> tuple[np.ndarray, np.ndarray]:

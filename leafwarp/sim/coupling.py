@@ -69,7 +69,9 @@ class Stencils(Stage):
             spec
             for p in self.points
             for spec in (
-                ArraySpec(f"{p}_stencil_cells", (_point_count(leaf, p), 4), "int32", "flat map cells around each point"),
+                ArraySpec(
+                    f"{p}_stencil_cells", (_point_count(leaf, p), 4), "int32", "flat map cells around each point"
+                ),
                 ArraySpec(f"{p}_stencil_weights", (_point_count(leaf, p), 4), "real", "their weights, with sum 1"),
             )
         )
@@ -168,7 +170,7 @@ class PrescribedWater(Stage):
 
     def content(self, plant_time: float) -> float:
         """The prescribed relative water content at a plant time [s]."""
-        times, contents = zip(*self.scene.water.curve)
+        times, contents = zip(*self.scene.water.curve, strict=True)
         return float(np.interp(plant_time, times, contents))
 
     def bind(self, state: State) -> None:
@@ -215,9 +217,7 @@ class _Response(Stage):
         count = len(start)
         # The start's response comes from the kernel's own arithmetic, so that no change is exactly none.
         state.upload(f"{name}_gain", np.ones(count))
-        state.record(
-            respond_in_proportion, count, [samples, *curve, f"{name}_gain"], [f"{name}_response_start"]
-        ).run()
+        state.record(respond_in_proportion, count, [samples, *curve, f"{name}_gain"], [f"{name}_response_start"]).run()
         state.upload(f"{name}_gain", gain)
         state.upload(f"{name}_start", start)
         inputs = [samples, *curve, f"{name}_response_start", f"{name}_gain", f"{name}_start"]
@@ -232,7 +232,7 @@ def _curve_specs(name: str, curve: Curve) -> tuple[ArraySpec, ...]:
 
 
 def _upload_curve(state: State, name: str, curve: Curve) -> tuple[str, str]:
-    contents, values = zip(*curve)
+    contents, values = zip(*curve, strict=True)
     state.upload(f"{name}_curve_water", np.array(contents))
     state.upload(f"{name}_curve_value", np.array(values))
     return f"{name}_curve_water", f"{name}_curve_value"

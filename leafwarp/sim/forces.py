@@ -3,6 +3,13 @@
 from __future__ import annotations
 
 import numpy as np
+
+from leafwarp.leaf.leaf import Leaf
+from leafwarp.scene import Scene
+from leafwarp.sim import material
+from leafwarp.sim.adjacency import vertex_to_slots
+from leafwarp.sim.launch import ArraySpec, State
+from leafwarp.sim.stage import Stage
 from leafwarp_kernels import (
     angular_springs,
     edge_springs,
@@ -11,14 +18,6 @@ from leafwarp_kernels import (
     integration,
     paper_bending,
 )
-
-from leafwarp.leaf.leaf import Leaf
-from leafwarp.scene import Scene
-from leafwarp.sim import material
-from leafwarp.sim.adjacency import vertex_to_slots
-from leafwarp.sim.launch import ArraySpec, State
-from leafwarp.sim.stable_step import StableStep
-from leafwarp.sim.stage import Stage
 
 
 class EdgeSprings(Stage):
@@ -84,21 +83,13 @@ class _Hinges(Stage):
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
         vertices, hinges = leaf.mesh.vertex_count, leaf.mesh.hinge_count
-        if hinges == 0:  # A single triangle bends nowhere, and Warp records no launch of nothing.
-            self.kernels = ()
         self.arrays = (
             ArraySpec("hinge_rest_angle", (hinges,), "real", "rest angle of each angular spring [rad]"),
             ArraySpec("hinge_stiffness", (hinges,), "real", "stiffness of each angular spring [N m/rad]"),
-            ArraySpec(
-                "hinge_angle", (hinges,), "real", "angle of each angular spring, continued in time [rad]"
-            ),
-            ArraySpec(
-                "hinge_vertices", (hinges, 4), "int32", "vertices of each hinge: edge a, b, opposite c, d"
-            ),
+            ArraySpec("hinge_angle", (hinges,), "real", "angle of each angular spring, continued in time [rad]"),
+            ArraySpec("hinge_vertices", (hinges, 4), "int32", "vertices of each hinge: edge a, b, opposite c, d"),
             ArraySpec("hinge_force", (4 * hinges,), "vector", "force of each hinge on its four vertices [N]"),
-            ArraySpec(
-                "vertex_hinge_start", (vertices + 1,), "int32", "where each vertex's hinge forces start"
-            ),
+            ArraySpec("vertex_hinge_start", (vertices + 1,), "int32", "where each vertex's hinge forces start"),
             ArraySpec("vertex_hinge_slots", (4 * hinges,), "int32", "places of the forces on each vertex"),
         )
 
@@ -108,9 +99,7 @@ class _Hinges(Stage):
         rest = material.dihedral_angles(mesh, material.rest_positions(self.scene, self.leaf))
         state.upload("hinge_rest_angle", rest)
         state.upload("hinge_angle", rest)
-        state.upload(
-            "hinge_stiffness", material.hinge_stiffness(mesh, self.scene.structure.bending_stiffness or 0.0)
-        )
+        state.upload("hinge_stiffness", material.hinge_stiffness(mesh, self.scene.structure.bending_stiffness or 0.0))
         state.upload("hinge_vertices", mesh.hinges)
         state.upload("vertex_hinge_start", start)
         state.upload("vertex_hinge_slots", places)
@@ -205,9 +194,7 @@ class Gravity(Stage):
     def bind(self, state: State) -> None:
         gravity = state.vector(*self.scene.motion.gravity)
         self.commands = [
-            state.record(
-                self.kernels[0], self.leaf.mesh.vertex_count, inputs=["mass", gravity], outputs=["force"]
-            )
+            state.record(self.kernels[0], self.leaf.mesh.vertex_count, inputs=["mass", gravity], outputs=["force"])
         ]
 
 
@@ -260,9 +247,7 @@ class Integration(Stage):
         state.upload("position", material.rest_positions(self.scene, self.leaf))
         state.upload(
             "mass",
-            material.vertex_mass(
-                self.leaf.mesh, structure.dry_mass, structure.water_mass, self._starting_water()
-            ),
+            material.vertex_mass(self.leaf.mesh, structure.dry_mass, structure.water_mass, self._starting_water()),
         )
         state.upload("pinned", material.pinned_vertices(self.leaf, self.scene.motion))
         self.commands = [
@@ -278,18 +263,3 @@ class Integration(Stage):
         """Relative water content where the scene prescribes one; a leaf whose water flows starts out
         saturated, until its water is first sampled."""
         return 1.0 if self.scene.water is None else self.scene.water.curve[0][1]
-
-
-def structure_stages(scene: Scene, leaf: Leaf) -> list[Stage]:
-    """The stages of the motion that a scene requires: the choice of the step, then those of a substep in
-    their order."""
-    stages: list[Stage] = [StableStep(scene, leaf), EdgeSprings(scene, leaf)]
-    if scene.has_angular_springs:
-        bending = PaperBending if scene.structure.bending == "paper" else AngularSprings
-        stages.append(bending(scene, leaf))
-    if scene.motion.gravity is not None:
-        stages.append(Gravity(scene, leaf))
-    if scene.motion.drag > 0.0:
-        stages.append(Air(scene, leaf))
-    stages.append(Integration(scene, leaf))
-    return stages

@@ -125,7 +125,9 @@ class State:
         """Fill an array from the host, converted to its type."""
         self._arrays[name].assign(np.ascontiguousarray(values, dtype=self._component[name]))
 
-    def record(self, kernel: wp.Kernel, dim: int | Sequence[int], inputs: Sequence[Any], outputs: Sequence[Any]) -> Command:
+    def record(
+        self, kernel: wp.Kernel, dim: int | Sequence[int], inputs: Sequence[Any], outputs: Sequence[Any]
+    ) -> Command:
         """Record a launch of a kernel's overload for this state's precision; nothing runs yet.
 
         Arguments may be names of arrays of this state.

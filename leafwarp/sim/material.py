@@ -44,9 +44,7 @@ def hinge_span(mesh: LeafMesh) -> np.ndarray:
     return 2.0 * _hinge_areas(mesh) / (3.0 * np.sqrt(_squared_lengths(mesh, mesh.hinges[:, :2])))
 
 
-def vertex_mass(
-    mesh: LeafMesh, dry_mass: float, water_mass: float, water: float | np.ndarray = 1.0
-) -> np.ndarray:
+def vertex_mass(mesh: LeafMesh, dry_mass: float, water_mass: float, water: float | np.ndarray = 1.0) -> np.ndarray:
     """Mass of each vertex [kg], shape [vertex_count]: ``(dry mass + water mass * y) * vertex area``.
 
     Args:

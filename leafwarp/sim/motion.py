@@ -189,9 +189,7 @@ class Motion:
     def _limit(self) -> float:
         return step_limit(self._guard.largest_squared_frequency(), self._damping_time, self._drag)
 
-    def _advance_checked(
-        self, duration: float, substeps: int, most: int, frame: int, stages: list[Stage]
-    ) -> int:
+    def _advance_checked(self, duration: float, substeps: int, most: int, frame: int, stages: list[Stage]) -> int:
         """Run a span of playback time, redone with twice the substeps until nothing is wrong with it."""
         self._guard.save()
         while True:

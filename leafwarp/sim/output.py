@@ -68,8 +68,8 @@ class DisplayColor(Stage):
 
     def color(self, frame: Frame) -> Frame:
         """The frame with its display colour."""
-        contents, colors = zip(*WATER_RAMP)
-        channels = [np.interp(frame.water, contents, channel) for channel in zip(*colors)]
+        contents, colors = zip(*WATER_RAMP, strict=True)
+        channels = [np.interp(frame.water, contents, channel) for channel in zip(*colors, strict=True)]
         return dataclasses.replace(frame, color=np.stack(channels, axis=1).astype(np.float32))
 
 

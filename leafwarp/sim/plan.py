@@ -16,6 +16,8 @@ from leafwarp.scene import Scene
 from leafwarp.sim.launch import ArraySpec
 from leafwarp.sim.stage import Stage
 
+GROUPS = ("fluid", "coupling", "motion", "output")
+
 
 @dataclass(frozen=True)
 class _Candidate:
@@ -24,14 +26,18 @@ class _Candidate:
     group: str
     name: str
     place: str
-    left_out: Callable[[Scene], str | None]
+    left_out: Callable[[Scene, Leaf], str | None]
 
 
-def _needs(wanted: Callable[[Scene], Any], reason: str) -> Callable[[Scene], str | None]:
-    return lambda scene: None if wanted(scene) else reason
+def _always(scene: Scene, leaf: Leaf) -> str | None:
+    return None
 
 
-def _stiffness_left_out(scene: Scene) -> str | None:
+def _needs(wanted: Callable[[Scene], Any], reason: str) -> Callable[[Scene, Leaf], str | None]:
+    return lambda scene, leaf: None if wanted(scene) else reason
+
+
+def _stiffness_left_out(scene: Scene, leaf: Leaf) -> str | None:
     factors = {factor for _, factor in scene.structure.stiffness}
     plain = factors == {1.0} and scene.structure.vein_stiffness == 1.0
     return "stiffness is the same everywhere and at every water content" if plain else None
@@ -49,8 +55,12 @@ def _samples_maps(scene: Scene) -> bool:
     return scene.fluid is not None or scene.structure_has_veins
 
 
-def _bends(scene: Scene, how: str) -> bool:
-    return scene.has_angular_springs and scene.structure.bending == how
+def _bending_left_out(scene: Scene, leaf: Leaf, how: str) -> str | None:
+    if not scene.has_angular_springs:
+        return "the scene has no structure.bending_stiffness"
+    if leaf.mesh.hinge_count == 0:
+        return "no two triangles of the mesh share an edge"
+    return None if scene.structure.bending == how else f"structure.bending is {scene.structure.bending}"
 
 
 _FLUID, _COUPLING = "leafwarp.sim.fluid", "leafwarp.sim.coupling"
@@ -62,9 +72,9 @@ CANDIDATES: tuple[_Candidate, ...] = (
                _needs(lambda s: s.transpiration and s.transpiration.rate > 0.0, "nothing transpires")),
     _Candidate("fluid", "source", f"{_FLUID}:Source",
                _needs(lambda s: s.source and s.source.conductance > 0.0, "no water enters")),
-    _Candidate("fluid", "split_diffusion", f"{_FLUID}:SplitDiffusion", lambda s: _diffusion_left_out(s, "split")),
+    _Candidate("fluid", "split_diffusion", f"{_FLUID}:SplitDiffusion", lambda s, leaf: _diffusion_left_out(s, "split")),
     _Candidate("fluid", "unsplit_diffusion", f"{_FLUID}:UnsplitDiffusion",
-               lambda s: _diffusion_left_out(s, "unsplit")),
+               lambda s, leaf: _diffusion_left_out(s, "unsplit")),
     _Candidate("fluid", "water", f"{_FLUID}:Water", _needs(lambda s: s.fluid, _PRESCRIBED)),
     _Candidate("coupling", "stencils", f"{_COUPLING}:Stencils",
                _needs(_samples_maps, "no map is sampled: water is prescribed and veins are not told apart")),
@@ -80,17 +90,17 @@ CANDIDATES: tuple[_Candidate, ...] = (
     _Candidate("coupling", "stiffness", f"{_COUPLING}:Stiffness", _stiffness_left_out),
     _Candidate("coupling", "mass", f"{_COUPLING}:Mass",
                _needs(lambda s: s.structure.water_mass > 0.0, "structure.water_mass is 0")),
-    _Candidate("motion", "stable_step", "leafwarp.sim.stable_step:StableStep", lambda s: None),
-    _Candidate("motion", "edge_springs", f"{_FORCES}:EdgeSprings", lambda s: None),
+    _Candidate("motion", "stable_step", "leafwarp.sim.stable_step:StableStep", _always),
+    _Candidate("motion", "edge_springs", f"{_FORCES}:EdgeSprings", _always),
     _Candidate("motion", "angular_springs", f"{_FORCES}:AngularSprings",
-               _needs(lambda s: _bends(s, "gradient"), "no bending_stiffness, or bending is \"paper\"")),
+               lambda s, leaf: _bending_left_out(s, leaf, "gradient")),
     _Candidate("motion", "paper_bending", f"{_FORCES}:PaperBending",
-               _needs(lambda s: _bends(s, "paper"), "structure.bending is not \"paper\"")),
+               lambda s, leaf: _bending_left_out(s, leaf, "paper")),
     _Candidate("motion", "gravity", f"{_FORCES}:Gravity",
                _needs(lambda s: s.motion.gravity, "the scene has no motion.gravity")),
     _Candidate("motion", "air", f"{_FORCES}:Air", _needs(lambda s: s.motion.drag > 0.0, "motion.drag is 0")),
-    _Candidate("motion", "integration", f"{_FORCES}:Integration", lambda s: None),
-    _Candidate("output", "frame", f"{_OUTPUT}:FrameOutput", lambda s: None),
+    _Candidate("motion", "integration", f"{_FORCES}:Integration", _always),
+    _Candidate("output", "frame", f"{_OUTPUT}:FrameOutput", _always),
     _Candidate("output", "display_color", f"{_OUTPUT}:DisplayColor",
                _needs(lambda s: s.output.display_color, "output.display_color is off")),
     _Candidate("output", "contact_sheet", f"{_OUTPUT}:ContactSheetOutput",
@@ -152,16 +162,33 @@ class Plan:
         ]
 
 
-def make_plan(scene: Scene, leaf: Leaf) -> Plan:
-    """The stages that a scene requires, declared but not yet bound to any array."""
-    groups: dict[str, list[Stage]] = {}
+def make_stages(scene: Scene, leaf: Leaf, group: str) -> tuple[tuple[Stage, ...], dict[str, str]]:
+    """The stages of one group that a scene requires, declared but not yet bound to any array.
+
+    Args:
+        scene: The scene.
+        leaf: The leaf.
+        group: "fluid", "coupling", "motion" or "output".
+
+    Returns:
+        The stages in order, and the name of each that is left out with the reason.
+    """
+    stages: list[Stage] = []
     left_out: dict[str, str] = {}
     for candidate in CANDIDATES:
-        reason = candidate.left_out(scene)
+        if candidate.group != group:
+            continue
+        reason = candidate.left_out(scene, leaf)
         if reason is not None:
             left_out[candidate.name] = reason
             continue
         module, _, name = candidate.place.partition(":")
-        stage = getattr(importlib.import_module(module), name)(scene, leaf)
-        groups.setdefault(candidate.group, []).append(stage)
-    return Plan(scene, leaf, {group: tuple(stages) for group, stages in groups.items()}, left_out)
+        stages.append(getattr(importlib.import_module(module), name)(scene, leaf))
+    return tuple(stages), left_out
+
+
+def make_plan(scene: Scene, leaf: Leaf) -> Plan:
+    """The stages that a scene requires, declared but not yet bound to any array."""
+    made = {group: make_stages(scene, leaf, group) for group in GROUPS}
+    left_out = {name: reason for _, reasons in made.values() for name, reason in reasons.items()}
+    return Plan(scene, leaf, {group: stages for group, (stages, _) in made.items()}, left_out)

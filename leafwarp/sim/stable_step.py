@@ -6,12 +6,12 @@ import math
 
 import numpy as np
 import warp as wp
-from leafwarp_kernels import stable_step
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.stage import Interval, Stage
+from leafwarp_kernels import stable_step
 
 _EDGE_INPUTS = [
     "position",
@@ -88,9 +88,7 @@ class StableStep(Stage):
                     "vector",
                     "each hinge's share of its vertices' bounds [N/m]^1/2",
                 ),
-                ArraySpec(
-                    "hinge_tension", (4 * hinges,), "real", "the part of it that its bending makes [N/m]"
-                ),
+                ArraySpec("hinge_tension", (4 * hinges,), "real", "the part of it that its bending makes [N/m]"),
                 ArraySpec("saved_hinge_angle", (hinges,), "real", "hinge angles at the frame's start [rad]"),
             )
 
@@ -131,9 +129,7 @@ class StableStep(Stage):
             ]
         else:
             self.commands = [
-                state.record(
-                    stable_step.edge_frequencies, vertices, inputs=_EDGE_INPUTS, outputs=["squared_frequency"]
-                )
+                state.record(stable_step.edge_frequencies, vertices, inputs=_EDGE_INPUTS, outputs=["squared_frequency"])
             ]
         self._travel: Command = state.record(
             stable_step.travel,

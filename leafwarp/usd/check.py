@@ -55,9 +55,7 @@ def check_usd(path: Path, *, unfinished: bool = False) -> list[str]:
         problems += _mesh_problems(mesh, unfinished)
     for prim in stage.Traverse():
         problems += _asset_problems(prim)
-    problems += (
-        f"stage: {_first_line(item.commentary)}" for item in diagnostics.TakeUncoalescedDiagnostics()
-    )
+    problems += (f"stage: {_first_line(item.commentary)}" for item in diagnostics.TakeUncoalescedDiagnostics())
     problems += _validator_errors(stage)
     diagnostics.TakeUncoalescedDiagnostics()  # validators' own: one takes a clip template for a file
     return problems
@@ -115,9 +113,7 @@ def _mesh_problems(mesh: UsdGeom.Mesh, unfinished: bool) -> Iterator[str]:
     name = mesh.GetPath()
     counts = np.asarray(mesh.GetFaceVertexCountsAttr().Get() or (), np.int64)
     indices = np.asarray(mesh.GetFaceVertexIndicesAttr().Get() or (), np.int64)
-    animated = [
-        attribute for attribute in mesh.GetPrim().GetAuthoredAttributes() if attribute.GetNumTimeSamples()
-    ]
+    animated = [attribute for attribute in mesh.GetPrim().GetAuthoredAttributes() if attribute.GetNumTimeSamples()]
     point_count = len(_value(mesh.GetPointsAttr(), _times(mesh.GetPointsAttr())[0]))
     for problem in _topology_problems(counts, indices, point_count):
         yield f"{name}: {problem}"

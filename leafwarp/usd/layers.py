@@ -93,9 +93,7 @@ def _define_topology(mesh: UsdGeom.Mesh, leaf: Leaf) -> None:
     mesh.CreateDoubleSidedAttr(True)
     mesh.CreateFaceVertexCountsAttr(Vt.IntArray(len(triangles), 3))
     mesh.CreateFaceVertexIndicesAttr(Vt.IntArray.FromNumpy(triangles.ravel()))
-    st = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar(
-        "st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex
-    )
+    st = UsdGeom.PrimvarsAPI(mesh).CreatePrimvar("st", Sdf.ValueTypeNames.TexCoord2fArray, UsdGeom.Tokens.vertex)
     st.Set(Vt.Vec2fArray.FromNumpy(np.ascontiguousarray(leaf.uv, np.float32)))
 
 
@@ -154,9 +152,7 @@ def _primvar_reader(
 def _photo_material(stage: Usd.Stage) -> UsdShade.Material:
     material, color = _preview_material(stage, PHOTO)
     path = material.GetPath()
-    st = _primvar_reader(
-        stage, path.AppendChild("st"), "st", "UsdPrimvarReader_float2", Sdf.ValueTypeNames.Float2
-    )
+    st = _primvar_reader(stage, path.AppendChild("st"), "st", "UsdPrimvarReader_float2", Sdf.ValueTypeNames.Float2)
     image = UsdShade.Shader.Define(stage, TEXTURE_FILE_PATH.GetPrimPath())
     image.CreateIdAttr("UsdUVTexture")
     image.CreateInput("file", Sdf.ValueTypeNames.Asset)
@@ -215,9 +211,7 @@ def clips_root_layer(files: Files, facts: StageFacts) -> Sdf.Layer:
     return layer
 
 
-def frame_layer(
-    index: int, values: Mapping[Sdf.Path, object], attributes: tuple[AnimatedAttribute, ...]
-) -> Sdf.Layer:
+def frame_layer(index: int, values: Mapping[Sdf.Path, object], attributes: tuple[AnimatedAttribute, ...]) -> Sdf.Layer:
     """One frame as a value clip: nothing but time samples at its own number."""
     layer = Sdf.Layer.CreateAnonymous("frame.usdc")
     mesh = Sdf.CreatePrimInLayer(layer, MESH_PATH)

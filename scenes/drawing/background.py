@@ -44,9 +44,7 @@ def shadow(coverage: np.ndarray, lift: float) -> np.ndarray:
     return total
 
 
-def compose(
-    leaf: np.ndarray, coverage: np.ndarray, backdrop: Backdrop, rng: np.random.Generator
-) -> np.ndarray:
+def compose(leaf: np.ndarray, coverage: np.ndarray, backdrop: Backdrop, rng: np.random.Generator) -> np.ndarray:
     """Linear-light picture of a leaf with the given coverage on its backdrop."""
     ground = sheet(backdrop, coverage.shape, rng)
     shade = backdrop.shadow * shadow(coverage, backdrop.lift)[..., None]

@@ -54,9 +54,7 @@ class LeafFields:
         self.shape = shape
         self.rng = np.random.default_rng(shape.seed)
         self.size = (shape.placement.height, shape.placement.width)
-        self.margins = {
-            side: Margin(shape.half_outline, side, 1.0 + side * shape.asymmetry) for side in (-1, 1)
-        }
+        self.margins = {side: Margin(shape.half_outline, side, 1.0 + side * shape.asymmetry) for side in (-1, 1)}
         self.venation = Venation(self.rng, shape.wobble)
         if shape.parallel is not None:
             self._grow_parallel(shape.parallel)

@@ -50,9 +50,7 @@ def coverage(polygons: Sequence[np.ndarray], shape: tuple[int, int]) -> np.ndarr
     return np.clip(np.abs(total), 0.0, 1.0).astype(np.float32)
 
 
-def cell_network(
-    u: np.ndarray, v: np.ndarray, size_u: float, size_v: float, rng: np.random.Generator
-) -> np.ndarray:
+def cell_network(u: np.ndarray, v: np.ndarray, size_u: float, size_v: float, rng: np.random.Generator) -> np.ndarray:
     """Distance from each point (u, v), shape [n], to the nearest border of a jittered Voronoi pattern.
 
     Cells measure about `size_u` by `size_v`; the answer is in the units of u and v.
@@ -104,9 +102,7 @@ def smoothstep(low: float, high: float, value: np.ndarray) -> np.ndarray:
 def linear(colour: str) -> np.ndarray:
     """Linear-light RGB of an sRGB colour written "#rrggbb"."""
     encoded = np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
-    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4).astype(
-        np.float32
-    )
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((encoded + 0.055) / 1.055) ** 2.4).astype(np.float32)
 
 
 def encode(light: np.ndarray) -> np.ndarray:

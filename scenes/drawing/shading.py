@@ -82,9 +82,7 @@ def shade(height: np.ndarray, gloss: float) -> tuple[np.ndarray, np.ndarray]:
     return 0.30 + 0.70 * diffuse / light[2], gloss * facing**22
 
 
-def lamina_colour(
-    fields: LeafFields, palette: Palette, veins: list[np.ndarray], edge: np.ndarray
-) -> np.ndarray:
+def lamina_colour(fields: LeafFields, palette: Palette, veins: list[np.ndarray], edge: np.ndarray) -> np.ndarray:
     """Pigment of the lamina: green that varies slowly, deeper between veins, fresher beside them."""
     scale = fields.shape.placement.scale
     slow = noise(fields.size, 0.22 * scale, fields.rng) + 0.7 * noise(fields.size, 0.07 * scale, fields.rng)

@@ -39,9 +39,7 @@ def line_arrays(shape: tuple[int, int]) -> tuple[ArraySpec, ...]:
         ArraySpec("forward_weight_y", shape, "real", "weights of the sweeps along columns, forward"),
         ArraySpec("backward_weight_y", shape, "real", "weights of the sweeps along columns, backward"),
         ArraySpec("row_span", (rows, 2), "int32", "first leaf cell of each row and the one after its last"),
-        ArraySpec(
-            "column_span", (columns, 2), "int32", "first leaf cell of each column and the one after its last"
-        ),
+        ArraySpec("column_span", (columns, 2), "int32", "first leaf cell of each column and the one after its last"),
     )
 
 

@@ -29,8 +29,7 @@ class Source(Stage):
         self._cells = np.argwhere((leaf.maps["source"] > 0.0) & leaf.mask)
         if len(self._cells) == 0:
             raise InputError(
-                "maps.source: the map is 0 on the whole leaf; "
-                "accepted: a map that is bright where water enters"
+                "maps.source: the map is 0 on the whole leaf; accepted: a map that is bright where water enters"
             )
         count = len(self._cells)
         self._step = FluidSteps.of(scene).length
@@ -38,9 +37,7 @@ class Source(Stage):
         self._open = self._step
         self.arrays = (
             ArraySpec("source_cell", (count, 2), "int32", "row and column of each source cell"),
-            ArraySpec(
-                "source_rate", (count,), "float64", "rate at which each source cell nears the supply [1/s]"
-            ),
+            ArraySpec("source_rate", (count,), "float64", "rate at which each source cell nears the supply [1/s]"),
             ArraySpec("added_by_source", (count,), "float64", "content added to each source cell"),
         )
 

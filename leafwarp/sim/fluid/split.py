@@ -33,6 +33,4 @@ class SplitDiffusion(Stage):
     def bind(self, state: State) -> None:
         time_step = FluidSteps.of(self.scene).length
         upload_conductance(self.scene, self.leaf, state, time_step)
-        self.commands = [
-            LineSolves(state, direction, time_step).record("water", "water") for direction in ("x", "y")
-        ]
+        self.commands = [LineSolves(state, direction, time_step).record("water", "water") for direction in ("x", "y")]

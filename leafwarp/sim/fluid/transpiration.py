@@ -34,9 +34,7 @@ class Transpiration(Stage):
         rows = leaf.mask.shape[0]
         self._stomatal = scene.transpiration.rate > scene.transpiration.cuticle_rate
         self._step = FluidSteps.of(scene).length
-        arrays = [
-            ArraySpec("transpired_by_row", (rows,), "float64", "content transpired from each row of cells")
-        ]
+        arrays = [ArraySpec("transpired_by_row", (rows,), "float64", "content transpired from each row of cells")]
         if self._stomatal:
             arrays.append(ArraySpec("stomatal_rate", leaf.mask.shape, "real", "loss through stomata [1/s]"))
             if not leaf.maps["stomata"][leaf.mask].sum() > 0.0:

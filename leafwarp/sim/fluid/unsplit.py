@@ -84,9 +84,7 @@ class UnsplitDiffusion(Stage):
             ArraySpec("diagonal_y", shape, "real", "diagonal of the exchange along columns in a step"),
             ArraySpec("unsplit_residual", shape, "real", "residual of the step's system"),
             ArraySpec("unsplit_direction", shape, "real", "search direction"),
-            ArraySpec(
-                "unsplit_row_solution", shape, "real", "residual solved along rows; then the system's image"
-            ),
+            ArraySpec("unsplit_row_solution", shape, "real", "residual solved along rows; then the system's image"),
             ArraySpec("unsplit_column_solution", shape, "real", "residual solved along columns"),
             ArraySpec("unsplit_row_sum", (4, shape[0]), "float64", "sums of each row of cells"),
             ArraySpec("unsplit_solver", (SLOT_COUNT,), "float64", "numbers of the conjugate gradients"),
@@ -130,9 +128,7 @@ class UnsplitDiffusion(Stage):
         solved = ["unsplit_row_solution", "unsplit_column_solution"]
         image = "unsplit_row_solution"
         return [
-            record(
-                preconditioned_product, rows, ["unsplit_residual", *solved, "row_span"], ["unsplit_row_sum"]
-            ),
+            record(preconditioned_product, rows, ["unsplit_residual", *solved, "row_span"], ["unsplit_row_sum"]),
             record(improve_direction, 1, ["unsplit_row_sum"], ["unsplit_solver"]),
             record(update_direction, rows, [*solved, "row_span", "unsplit_solver"], ["unsplit_direction"]),
             record(apply_system, rows, ["unsplit_direction", *system], [image, "unsplit_row_sum"]),
