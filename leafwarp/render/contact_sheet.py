@@ -1,10 +1,9 @@
-"""The contact sheet: some moments of a run side by side, the water above, the leaf below (as in the paper's Fig. 6)."""
+"""The contact sheet: some moments of a run, each with its water and its leaf (as in the paper's Fig. 6)."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -12,68 +11,27 @@ import numpy as np
 
 from leafwarp.errors import OutputError
 from leafwarp.leaf.leaf import Leaf
-from leafwarp.render.renderer import GROUND_COLOR, VIEW, LeafRenderer, to_srgb
-from leafwarp.render.water_picture import map_picture, vertex_picture, water_colors
+from leafwarp.render.camera import checked_points, seen_size
+from leafwarp.render.layout import FOOTER, MARGIN, Layout, arrange
+from leafwarp.render.renderer import PAPER, VIEW, LeafRenderer, ground_height, shadow_points
+from leafwarp.render.water_picture import WaterPicture, water_colors
 from leafwarp.sim.frame import Frame
 
-PAPER = tuple(int(c) for c in to_srgb(np.full(3, GROUND_COLOR)))
-INK = (52, 50, 48)
-FAINT_INK = (125, 121, 116)
-SHEET_WIDTH = 2000
-MARGIN = 48
-GAP = 14
-LABEL_HEIGHT = 64
-LEGEND_HEIGHT = 84
-TALLEST_PANEL = 560
-SAMPLES = 2
-LONG_ASPECT = 2.5  # height over width beyond which a leaf is drawn lying
-SIDE_VIEW = np.array([0.76, -0.26, 0.60])  # shows how a long leaf droops, its base to the left
-FEATHER = 0.05  # of a panel's shorter side; the leaf itself keeps clear of it
+INK = (44, 42, 40)
+FAINT_INK = (120, 116, 110)
+RULE = (222, 219, 212)
+SAMPLES = 4
+LEAF_MARGIN = 0.03  # of the pictures of the leaf
+SIDE_VIEW = (0.82, -0.28, 0.50)
+SIDE_VIEW_HEIGHT = 0.3  # of the leaf's length
+FULL_TINT = 0.20  # change of the display colour, linear RGB, at which the leaf has it wholly
+SCALE_BAR_LENGTHS = tuple(factor * 10.0**power for power in range(-5, 3) for factor in (1, 2, 5))  # [m]
 
 
 def choose_frames(first: int, last: int, count: int = 8) -> tuple[int, ...]:
     """At most ``count`` frames from the first to the last, both of them among these, evenly spread, rising."""
-    return tuple(sorted({round(f) for f in np.linspace(first, last, max(1, min(count, last - first + 1)))}))
-
-
-@dataclass(frozen=True)
-class _Layout:
-    """Where things lie on the sheet [pixel]; a long upright leaf lies on its side, base to the left."""
-
-    columns: int
-    rows: int
-    panel_width: int
-    water_height: int
-    leaf_height: int
-    lies: bool
-
-    @property
-    def block_height(self) -> int:
-        return LABEL_HEIGHT + self.water_height + GAP + self.leaf_height
-
-    @property
-    def size(self) -> tuple[int, int]:
-        width = 2 * MARGIN + self.columns * self.panel_width + (self.columns - 1) * GAP
-        return width, 2 * MARGIN + self.rows * (self.block_height + GAP) + LEGEND_HEIGHT
-
-    def corner(self, index: int) -> tuple[int, int]:
-        """Upper left corner of a moment."""
-        row, column = divmod(index, self.columns)
-        return MARGIN + column * (self.panel_width + GAP), MARGIN + row * (self.block_height + GAP)
-
-
-def _layout(count: int, aspect: float) -> _Layout:
-    """Columns and panels for a number of moments of a leaf of this height over width."""
-    lies = aspect > LONG_ASPECT
-    if lies:
-        aspect = 1.0 / aspect
-    columns = min(count, 8 if aspect >= 0.9 else 4)
-    # A few moments keep the panels that eight would have, up to twice as wide.
-    slots = max(columns, 4 if aspect >= 0.9 else 2)
-    width = (SHEET_WIDTH - 2 * MARGIN - (slots - 1) * GAP) // slots
-    water_height = int(np.clip(width * aspect, 40, TALLEST_PANEL))
-    leaf_height = int(np.clip(width * aspect, 0.6 * width, TALLEST_PANEL))
-    return _Layout(columns, -(-count // columns), width, water_height, leaf_height, lies)
+    count = max(1, min(count, last - first + 1))
+    return tuple(sorted({int(np.floor(frame + 0.5)) for frame in np.linspace(first, last, count)}))
 
 
 class ContactSheet:
@@ -101,28 +59,24 @@ class ContactSheet:
         self._moments.append((frame, None if water_map is None else np.array(water_map, np.float32)))
 
     def draw(self) -> np.ndarray:
-        """The sheet of the moments so far, 8-bit sRGB, shape [height, width, 3]."""
-        width, height = self._leaf.frame.size
-        layout = _layout(max(1, len(self._moments)), height / width)
+        """The sheet of the moments so far, 8-bit sRGB, shape [height, width, 3].
+
+        Raises:
+            InputError: A position is not finite.
+        """
+        poses = [frame.points for frame, _ in self._moments] or [np.pad(self._leaf.mesh.positions, ((0, 0), (0, 1)))]
+        view = _view(self._leaf, poses)
+        layout = arrange(max(1, len(self._moments)), self._leaf.frame.size, _room(poses, view))
         sheet = np.full((layout.size[1], layout.size[0], 3), PAPER, np.uint8)
-        if self._moments:
-            renderer = LeafRenderer(
-                self._leaf.mesh.triangles,
-                self._leaf.uv,
-                self._leaf.texture,
-                (layout.panel_width, layout.leaf_height),
-                SAMPLES,
-                self._device,
-            )
-            renderer.frame([frame.points for frame, _ in self._moments], view=SIDE_VIEW if layout.lies else VIEW)
-        for index, (frame, water_map) in enumerate(self._moments):
-            x, y = layout.corner(index)
-            self._label(sheet, (x, y), frame)
-            y += LABEL_HEIGHT
-            self._place(sheet, (x, y), self._water_panel(frame, water_map, layout))
-            y += layout.water_height + GAP
-            self._place(sheet, (x, y), _feather(renderer.render(frame.points, frame.normals)))
-        _draw_legend(sheet)
+        lowest = _lowest(self._leaf, self._moments)
+        self._draw_water(sheet, layout, lowest)
+        self._draw_leaves(sheet, layout, poses, view)
+        times = _time_labels([frame.plant_time for frame, _ in self._moments])
+        for index, ((frame, water_map), time) in enumerate(zip(self._moments, times, strict=True)):
+            _draw_label(sheet, layout, index, time, f"{100.0 * _mean_water(self._leaf, frame, water_map):.0f} %")
+        left = layout.block_corner(0)[0]
+        _draw_colour_bar(sheet, left, lowest)
+        _draw_scale_bar(sheet, sheet.shape[1] - left, layout.scale)
         return sheet
 
     def save(self, path: Path) -> None:
@@ -131,74 +85,147 @@ class ContactSheet:
         Raises:
             OutputError: It cannot be written.
         """
-        data = cv2.imencode(".png", self.draw()[..., ::-1])[1].tobytes()
+        data = cv2.imencode(".png", self.draw()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
         temporary = path.with_name(f".{path.name}.tmp")
         try:
             temporary.write_bytes(data)
             os.replace(temporary, path)
         except OSError as error:
-            temporary.unlink(missing_ok=True)
+            try:
+                temporary.unlink(missing_ok=True)
+            except OSError:
+                pass  # the folder itself is gone or closed; the first error says so
             raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
 
-    def _water_panel(self, frame: Frame, water_map: np.ndarray | None, layout: _Layout) -> np.ndarray:
-        width, height = self._leaf.frame.size[:: -1 if layout.lies else 1]
-        scale = min(layout.panel_width / width, layout.water_height / height)
-        size = (max(1, round(scale * width)), max(1, round(scale * height)))
-        drawn_size = size[::-1] if layout.lies else size
-        if water_map is None:
-            colors, coverage = vertex_picture(self._leaf, frame.water, drawn_size)
-        else:
-            colors, coverage = map_picture(water_map, self._leaf.mask, drawn_size)
-        if layout.lies:
-            colors, coverage = np.rot90(colors, -1), np.rot90(coverage, -1)
-        picture = coverage[..., None] * colors + (1.0 - coverage[..., None]) * np.array(PAPER)
-        panel = np.full((layout.water_height, layout.panel_width, 3), PAPER, np.uint8)
-        corner = (layout.panel_width - size[0]) // 2, (layout.water_height - size[1]) // 2
-        self._place(panel, corner, np.round(picture).astype(np.uint8))
-        return panel
+    def _draw_water(self, sheet: np.ndarray, layout: Layout, lowest: float) -> None:
+        picture = WaterPicture(self._leaf, layout.water, PAPER)
+        for index, (frame, water_map) in enumerate(self._moments):
+            if water_map is None:
+                panel = picture.from_vertices(frame.water, lowest)
+            else:
+                panel = picture.from_map(water_map, lowest)
+            _place(sheet, layout.water_corner(index), panel)
 
-    @staticmethod
-    def _place(sheet: np.ndarray, corner: tuple[int, int], picture: np.ndarray) -> None:
-        x, y = corner
-        sheet[y : y + picture.shape[0], x : x + picture.shape[1]] = picture
+    def _draw_leaves(self, sheet: np.ndarray, layout: Layout, poses: list[np.ndarray], view: tuple) -> None:
+        width, height = layout.leaf
+        mesh = self._leaf.mesh
+        renderer = LeafRenderer(mesh.triangles, self._leaf.uv, self._leaf.texture, self._device, width, height, SAMPLES)
+        renderer.fit_camera(poses, view, LEAF_MARGIN)
+        fade = _border_fade(height, width)
+        for index, (frame, _) in enumerate(self._moments):
+            picture = renderer.render(frame.points, frame.normals, self._tint(frame))
+            panel = np.rint(fade * picture + (1.0 - fade) * np.array(PAPER)).astype(np.uint8)
+            _place(sheet, layout.leaf_corner(index), panel)
 
-    @staticmethod
-    def _label(sheet: np.ndarray, corner: tuple[int, int], frame: Frame) -> None:
-        x, y = corner
-        _write(sheet, (x + 4, y + 24), _duration(frame.plant_time), INK, 22, 600)
-        _write(sheet, (x + 4, y + 48), f"water {100.0 * float(frame.water.mean()):.0f} %", FAINT_INK, 17, 400)
-
-
-def _feather(picture: np.ndarray) -> np.ndarray:
-    """A picture that fades into the paper at its edges, where a shadow would be cut."""
-    height, width = picture.shape[:2]
-    reach = FEATHER * min(width, height)
-    fades = [np.clip(np.minimum(np.arange(n) + 0.5, n - 0.5 - np.arange(n)) / reach, 0.0, 1.0) for n in (height, width)]
-    share = (fades[0][:, None] * fades[1])[..., None]
-    return np.round(share * picture + (1.0 - share) * np.array(PAPER)).astype(np.uint8)
+    def _tint(self, frame: Frame) -> np.ndarray | None:
+        """The display colour, as far as it has left that of the first moment: the photo itself shows the start."""
+        first = self._moments[0][0].color
+        if frame.color is None or first is None:
+            return None
+        share = np.clip(np.linalg.norm(frame.color - first, axis=1) / FULL_TINT, 0.0, 1.0)
+        return np.column_stack([frame.color, share])
 
 
-def _duration(seconds: float) -> str:
-    for unit, length in (("d", 86400.0), ("h", 3600.0), ("min", 60.0)):
-        if seconds >= 2.0 * length or (unit == "h" and seconds >= length):
-            return f"{seconds / length:.1f} {unit}"
-    return f"{seconds:.0f} s" if seconds > 0.0 else "start"
+def _view(leaf: Leaf, poses: list[np.ndarray]) -> tuple[float, float, float]:
+    """Direction from the leaf to the camera: from the side where the leaf rises or droops by a good part of its length,
+    which from above would only look like a shorter leaf."""
+    heights = np.concatenate([pose[:, 2] for pose in poses])
+    return SIDE_VIEW if np.ptp(heights) > SIDE_VIEW_HEIGHT * leaf.length else VIEW
 
 
-def _write(sheet: np.ndarray, place: tuple[int, int], text: str, color: tuple, size: int, weight: int) -> None:
-    """Text whose baseline starts at a place; the sheet is changed."""
-    cv2.putText(sheet, text, place, color, cv2.FontFace("sans"), size, weight)
+def _room(poses: list[np.ndarray], view: tuple[float, float, float]) -> tuple[float, float]:
+    """Width and height of all poses and their shadows as the camera sees them, with the margin [m]."""
+    points = checked_points(np.concatenate(poses))
+    seen = np.concatenate([points, shadow_points(points, ground_height(points))])
+    width, height = seen_size(seen, view)
+    # A leaf seen edge-on still gets a picture.
+    longest = max(width, height, 1e-9)
+    scale = 1.0 / (1.0 - 2.0 * LEAF_MARGIN)
+    return scale * max(width, 0.1 * longest), scale * max(height, 0.1 * longest)
 
 
-def _draw_legend(sheet: np.ndarray) -> None:
-    """The colour bar of the water, below the moments."""
-    height, width = sheet.shape[:2]
-    length = min(420, width - 2 * MARGIN)
-    x, y = MARGIN + 4, height - MARGIN - 34
-    sheet[y : y + 14, x : x + length] = np.round(water_colors(np.linspace(0.0, 1.0, length)))
-    _write(sheet, (x, y - 10), "relative water content", INK, 17, 400)
-    for share in (0.0, 0.25, 0.5, 0.75, 1.0):
-        text = f"{100 * share:.0f} %"
-        offset = round(share * (length - 1))
-        box = cv2.getTextSize((0, 0), text, (0, 0), cv2.FontFace("sans"), 15, 400)
-        _write(sheet, (x + offset - round(share * box[2]), y + 34), text, FAINT_INK, 15, 400)
+def _border_fade(height: int, width: int) -> np.ndarray:
+    """1 inside a picture, falling to 0 at its border, where a faint shade must not end in a line."""
+    down = np.minimum(np.arange(height), np.arange(height)[::-1])[:, None]
+    across = np.minimum(np.arange(width), np.arange(width)[::-1])[None]
+    reach = max(1.0, LEAF_MARGIN * min(height, width))
+    return np.clip(np.minimum(down, across) / reach, 0.0, 1.0)[..., None]
+
+
+def _leaf_water(leaf: Leaf, frame: Frame, water_map: np.ndarray | None) -> np.ndarray:
+    """Contents of all leaf cells, or of all vertices."""
+    if water_map is None:
+        return frame.water
+    return water_map[leaf.mask] if leaf.mask is not None else water_map
+
+
+def _mean_water(leaf: Leaf, frame: Frame, water_map: np.ndarray | None) -> float:
+    """Mean content of the leaf, by area."""
+    if water_map is None:
+        return float(np.average(frame.water, weights=leaf.mesh.vertex_areas))
+    return float(_leaf_water(leaf, frame, water_map).mean())
+
+
+def _lowest(leaf: Leaf, moments: list[tuple[Frame, np.ndarray | None]]) -> float:
+    """Content at the dry end of the colours: 0; nearer to 1 where a scene stays so wet that all would look alike."""
+    driest = min((float(_leaf_water(leaf, *moment).min()) for moment in moments), default=0.0)
+    return 0.0 if not driest > 0.5 else min(np.floor(10.0 * driest) / 10.0, 0.9)
+
+
+def _time_labels(seconds: list[float]) -> list[str]:
+    """Plant times in the one unit that suits the longest."""
+    longest = max(seconds, default=0.0)
+    units = (("d", 86400.0, 3.0), ("h", 3600.0, 2.0), ("min", 60.0, 2.0), ("s", 1.0, 0.0))
+    name, length = next((name, length) for name, length, least in units if longest >= least * length)
+    digits = 1 if longest / length < 99.95 else 0
+    return [f"{second / length:.{digits}f} {name}" for second in seconds]
+
+
+def _place(sheet: np.ndarray, corner: tuple[int, int], picture: np.ndarray) -> None:
+    """Put a picture on the sheet; the darker one stays where pictures of soft shadows meet."""
+    x, y = corner
+    part = sheet[y : y + picture.shape[0], x : x + picture.shape[1]]
+    np.minimum(part, picture[: part.shape[0], : part.shape[1]], out=part)
+
+
+def _text_width(text: str, size: int, weight: int) -> int:
+    return cv2.getTextSize((0, 0), text, (0, 0), cv2.FontFace("sans"), size, weight)[2]
+
+
+def _write(
+    sheet: np.ndarray, place: tuple[int, int], text: str, color: tuple, size: int, weight: int, align: float = 0.0
+) -> None:
+    """Text on a baseline; ``align`` is the part of its width that lies left of the place."""
+    x = place[0] - round(align * _text_width(text, size, weight))
+    cv2.putText(sheet, text, (x, place[1]), color, cv2.FontFace("sans"), size, weight)
+
+
+def _draw_label(sheet: np.ndarray, layout: Layout, index: int, time: str, water: str) -> None:
+    """Time and water over a moment, on a thin rule."""
+    x, y = layout.block_corner(index)
+    right = x + layout.block[0]
+    _write(sheet, (x, y + 20), time, INK, 23, 600)
+    _write(sheet, (right, y + 20), water, FAINT_INK, 20, 400, align=1.0)
+    sheet[y + 31 : y + 33, x:right] = RULE
+
+
+def _draw_colour_bar(sheet: np.ndarray, left: int, lowest: float) -> None:
+    """The colours of the water, lower left."""
+    length, top = 300, sheet.shape[0] - MARGIN - FOOTER + 58
+    _write(sheet, (left, top - 12), "relative water content", INK, 17, 400)
+    sheet[top : top + 12, left : left + length] = water_colors(np.linspace(lowest, 1.0, length), lowest)
+    for share in (0.0, 0.5, 1.0):
+        text = f"{100.0 * (lowest + share * (1.0 - lowest)):.0f} %"
+        _write(sheet, (left + round(share * length), top + 32), text, FAINT_INK, 15, 400, align=share)
+
+
+def _draw_scale_bar(sheet: np.ndarray, right: int, scale: float) -> None:
+    """A round length at the scale of the water, lower right."""
+    length = max((length for length in SCALE_BAR_LENGTHS if length * scale <= 160.0), default=SCALE_BAR_LENGTHS[0])
+    unit, metre = next(
+        (u, m) for u, m in (("m", 1.0), ("cm", 0.01), ("mm", 0.001), ("µm", 1e-6)) if length >= 0.999 * m
+    )
+    top, left = sheet.shape[0] - MARGIN - FOOTER + 63, right - max(1, round(length * scale))
+    sheet[top : top + 3, left:right] = INK
+    sheet[top - 4 : top + 7, [left, left + 1, right - 2, right - 1]] = INK
+    _write(sheet, ((left + right) // 2, top - 14), f"{length / metre:.0f} {unit}", INK, 17, 400, align=0.5)
