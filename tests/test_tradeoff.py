@@ -13,7 +13,13 @@ from leafwarp.cli import main
 from leafwarp.errors import InputError
 from leafwarp.scene import load_scene
 from leafwarp.study import tradeoff
-from leafwarp.study.metrics import largest_water_error, pareto_front, relative_water_error, shape_error
+from leafwarp.study.metrics import (
+    errors_fall_with_the_step,
+    largest_water_error,
+    pareto_front,
+    relative_water_error,
+    shape_error,
+)
 from leafwarp.study.reference import ErrorModel, choose_reference, unsplit_settings
 from leafwarp.study.trial import film_seconds, trial_scene
 
@@ -122,10 +128,10 @@ def test_the_plot_is_a_picture(folder: Path) -> None:
 
 def test_what_the_budget_does_not_pay_is_listed_as_skipped(small_scene: Path, tmp_path: Path) -> None:
     result = run(small_scene, tmp_path, budget=0.001)
-    (reference,) = [row for row in result["settings"] if row["status"] == "reference"]
-    assert (reference["map_height"], reference["fluid_step"]) == (16, 2400.0)
+    assert (result["reference"]["map_size"], result["reference"]["step"]) == ((6, 8), 2400.0)
     skipped = [row for row in result["settings"] if row["status"] == "skipped: budget"]
-    assert len(skipped) == len(result["settings"]) - 1
+    assert len(skipped) == len(result["settings"])
+    assert not (tmp_path / "tradeoff.png").exists()
     assert all(row["predicted_seconds"] > 0.0 and row["water_error"] is None for row in skipped)
     assert not any(row["water_pareto"] for row in skipped)
     lines = (tmp_path / "tradeoff.csv").read_text().splitlines()
@@ -149,9 +155,7 @@ def test_rows_are_kept_when_the_study_is_interrupted(small_scene: Path, tmp_path
     assert [line["status"] for line in lines] == [row.status for row in written]
 
 
-def test_a_setting_that_cannot_be_computed_stays_in_the_table(
-    small_scene: Path, tmp_path: Path, monkeypatch
-) -> None:
+def test_a_setting_that_fails_stays_in_the_table(small_scene: Path, tmp_path: Path, monkeypatch) -> None:
     from leafwarp.errors import SimulationError
 
     run_trial = tradeoff.run_trial
@@ -209,6 +213,14 @@ def test_pareto_front_of_points_made_by_hand() -> None:
     assert pareto_front(seconds, errors).tolist() == [True, True, False, True, True, True, False]
     # Below the floor errors cannot be told apart: the slower one gains nothing.
     assert pareto_front(seconds, errors, floor=1.0).tolist() == [True, True, False, True, True, False, False]
+
+
+def test_a_reference_that_finer_steps_move_away_from_is_not_converged() -> None:
+    steps = [240.0, 15.0, 60.0]
+    assert errors_fall_with_the_step(steps, [0.3, 0.1, 0.2], 0.0)
+    assert not errors_fall_with_the_step(steps, [0.03, 0.5, 0.1], 0.1)
+    assert errors_fall_with_the_step(steps, [0.03, 0.05, 0.1], 0.1)
+    assert errors_fall_with_the_step([1.0], [0.5], 0.0)
 
 
 def test_water_error_is_weighted_by_area() -> None:

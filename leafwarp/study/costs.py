@@ -17,7 +17,8 @@ from leafwarp.study.trial import Setting, Trial, with_setting
 if TYPE_CHECKING:
     from leafwarp.sim.fluid import Fluid
 
-# From a map to one of twice the cells across: four times the cells; conjugate gradients also take twice the iterations.
+# From a map to one of twice the cells across: four times the cells;
+# conjugate gradients also take twice the iterations.
 GROWTH = {"split": 4.0, "unsplit": 8.0}
 # Iterations of conjugate gradients grow with the root of the step.
 STEP_EXPONENT = {"split": 0.0, "unsplit": 0.5}
@@ -41,13 +42,18 @@ class CostModel:
         scene: From :func:`leafwarp.study.trial.trial_scene`.
         leaf_of: Gives the leaf for a map size.
         device: Warp device.
-        longest_pilot: Where setting up and a step are expected to take longer than this [s], they are not tried
-            but extrapolated from half the map.
+        longest_pilot: Where setting up and a step are expected to take longer than this [s], they are not
+            tried but extrapolated from half the map.
         smallest: Cells across of the smallest map; it is always tried.
     """
 
     def __init__(
-        self, scene: Scene, leaf_of: Callable[[tuple[int, int]], Leaf], device: str, longest_pilot: float, smallest: int
+        self,
+        scene: Scene,
+        leaf_of: Callable[[tuple[int, int]], Leaf],
+        device: str,
+        longest_pilot: float,
+        smallest: int,
     ):
         self._scene = scene
         self._leaf_of = leaf_of

@@ -8,9 +8,9 @@ import numpy as np
 def relative_water_error(water: np.ndarray, reference: np.ndarray, areas: np.ndarray) -> float:
     """Relative L2 distance of the water on the leaf.
 
-    Maps of different size have no cell in common. Both are therefore compared at the vertices of the mesh, which is
-    the same for all of them, each sampled as the coupling samples it: this is the water that the structure feels and
-    that is written out. Vertices are weighted by their area, frames equally:
+    Maps of different size have no cell in common. Both are therefore compared at the vertices of the mesh,
+    which is the same for all of them, each sampled as the coupling samples it: this is the water that the
+    structure feels and that is written out. Vertices are weighted by their area, frames equally:
     ``sqrt(sum_t sum_v A_v (y - y_ref)^2 / sum_t sum_v A_v y_ref^2)``.
 
     Args:
@@ -61,3 +61,19 @@ def pareto_front(seconds: np.ndarray, errors: np.ndarray, floor: float = 0.0) ->
     no_worse = (seconds[:, None] <= seconds) & (errors[:, None] <= errors) & usable[:, None]
     better = (seconds[:, None] < seconds) | (errors[:, None] < errors)
     return usable & ~(no_worse & better).any(axis=0)
+
+
+def errors_fall_with_the_step(steps: np.ndarray, errors: np.ndarray, slack: float) -> bool:
+    """Whether shorter steps come closer to the reference, as they must if the reference is right.
+
+    Where a reference is far from converged, doubling its step may change little and say nothing; settings
+    that are finer than it then move away from it.
+
+    Args:
+        steps: Fluid steps of one scheme on one map [s], shape [count].
+        errors: Their errors, shape [count].
+        slack: By how much an error may rise from a step to a shorter one.
+    """
+    errors = np.asarray(errors, dtype=np.float64)[np.argsort(steps)]
+    least_of_longer = np.minimum.accumulate(errors[::-1])[::-1]
+    return bool((errors[:-1] <= least_of_longer[1:] + slack).all())

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 COLORS = {"split": "#c2571a", "unsplit": "#1f6f8b"}
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 INK, FRONT, QUIET = "#26302b", "#3f8f4f", "#8a938d"
-# Errors of settings that equal the reference to the last bit are drawn at this share of the reference's own error.
+# Settings that equal the reference to the last bit are drawn at this share of the reference's own error.
 LOWEST_SHARE = 1e-2
 PANELS = (
     ("water_error", "water_pareto", "relative L2 error of the water", "Water"),
@@ -38,7 +38,8 @@ def plot_tradeoff(result: Mapping[str, Any], path: Path) -> None:
         axes.set_title(title, loc="left", color=INK, fontsize=13, fontweight="bold")
     film, whole = result["playback_seconds"], result["scene_playback_seconds"]
     if film < 0.99 * whole:
-        right.set_title(f"in a film of {film:.2g} s instead of {whole:.2g} s", loc="right", color=QUIET, fontsize=9)
+        note = f"in a film of {film:.2g} s instead of {whole:.2g} s"
+        right.set_title(note, loc="right", color=QUIET, fontsize=9)
     figure.suptitle(_title(result), x=0.065, y=0.965, ha="left", color=INK, fontsize=12)
     _draw_legend(figure, marker_of, {row["scheme"] for row in rows})
     figure.savefig(path)
@@ -49,8 +50,10 @@ def _title(result: Mapping[str, Any]) -> str:
     width, height = reference["map_size"]
     hours = result["plant_seconds"] / 3600.0
     return (
-        f"{result['scene']}: what speed costs in accuracy over {hours:g} h of drying, on {result['device']['name']}\n"
+        f"{result['scene']}: what speed costs in accuracy over {hours:g} h of drying, "
+        f"on {result['device']['name']}\n"
         f"reference: {width} x {height}, step {format_time(reference['step'])}, unsplit, float64"
+        f"{'' if reference['converged'] else ' (NOT CONVERGED: shorter steps move away from it)'}"
     )
 
 
@@ -91,8 +94,9 @@ def _draw_panel(
     if floor > low:
         axes.axhspan(low, floor, color=QUIET, alpha=0.13, linewidth=0, zorder=0)
         axes.annotate(
-            "below the reference's own error", (0.012, 0.015), xycoords="axes fraction", fontsize=8.5, color=QUIET
-        )
+            "below the reference's own error", (0.012, 0.015), xycoords="axes fraction", fontsize=8.5,
+            color=QUIET,
+        )  # fmt: skip
     axes.grid(True, which="major", color="#e3e7e4", linewidth=0.7)
     axes.set_axisbelow(True)
     axes.tick_params(colors=INK, which="both")
@@ -125,13 +129,15 @@ def _draw_legend(figure: Any, marker_of: Mapping, schemes: set[str]) -> None:
 
     def dot(label: str, marker: str = "o", color: str = INK, face: str | None = None) -> Line2D:
         return Line2D(
-            [], [], linestyle="", marker=marker, markersize=7, color=color, markerfacecolor=face or color, label=label
-        )
+            [], [], linestyle="", marker=marker, markersize=7, color=color, markerfacecolor=face or color,
+            label=label,
+        )  # fmt: skip
 
     handles = [dot(scheme, color=COLORS[scheme]) for scheme in sorted(schemes)]
     handles += [dot(f"{width} x {height}", marker, QUIET) for (width, height), marker in marker_of.items()]
     handles += [dot("float32"), dot("float64", face="white")]
-    handles.append(Line2D([], [], color=FRONT, linewidth=5, alpha=0.35, label="Pareto front (map, fluid step)"))
+    front = "Pareto front (map, fluid step)"
+    handles.append(Line2D([], [], color=FRONT, linewidth=5, alpha=0.35, label=front))
     figure.legend(
         handles=handles, loc="lower center", ncol=len(handles), frameon=False, fontsize=9, handletextpad=0.4,
         columnspacing=1.4,

@@ -110,17 +110,20 @@ def append_row(path: Path, row: Row) -> None:
 def markdown(rows: Sequence[Row]) -> str:
     """The rows as a Markdown table; an error below the reference's own is starred."""
     lines = [
-        "| map | fluid step | scheme | precision | fluid s per plant hour | s in all | water error | largest | shape error |",
+        "| map | fluid step | scheme | precision | fluid s per plant hour | s in all | water error | largest "
+        "| shape error |",
         "|---|---:|---|---|---:|---:|---:|---:|---:|",
     ]
     for row in rows:
-        name = f"| {row.map_width} x {row.map_height} | {row.fluid_step:g} s | {row.scheme} | {row.precision} "
+        size = f"{row.map_width} x {row.map_height}"
+        name = f"| {size} | {row.fluid_step:g} s | {row.scheme} | {row.precision} "
         if not row.measured:
             lines.append(f"{name}| | {row.predicted_seconds:.0f} predicted | {row.status} | | |")
             continue
-        water, shape = ("*" if flag else "" for flag in (row.water_within_reference, row.shape_within_reference))
+        water = "*" if row.water_within_reference else ""
+        shape = "*" if row.shape_within_reference else ""
         lines.append(
-            f"{name}| {row.fluid_seconds_per_plant_hour:.3g} | {row.seconds:.3g} | {row.water_error:.2g}{water} "
-            f"| {row.largest_water_error:.2g} | {row.shape_error:.2g}{shape} |"
+            f"{name}| {row.fluid_seconds_per_plant_hour:.3g} | {row.seconds:.3g} "
+            f"| {row.water_error:.2g}{water} | {row.largest_water_error:.2g} | {row.shape_error:.2g}{shape} |"
         )
     return "\n".join(lines) + "\n"

@@ -1,4 +1,4 @@
-"""The measured trade: seconds against error for map, fluid step, scheme and precision, on the user's own scene."""
+"""The measured trade: seconds against error for map, fluid step, scheme and precision, on a user's scene."""
 
 from __future__ import annotations
 
@@ -24,8 +24,21 @@ from leafwarp.run import CACHE_FOLDER, prepare_scene_leaf, write_text
 from leafwarp.scene import Scene
 from leafwarp.sim.launch import check_device
 from leafwarp.study.costs import CostModel
-from leafwarp.study.metrics import largest_water_error, pareto_front, relative_water_error, shape_error
-from leafwarp.study.reference import ErrorModel, choose_reference, fit_error_model, probe_settings, unsplit_settings
+from leafwarp.study.metrics import (
+    errors_fall_with_the_step,
+    largest_water_error,
+    pareto_front,
+    relative_water_error,
+    shape_error,
+)
+from leafwarp.study.reference import (
+    ErrorModel,
+    check_settings,
+    choose_reference,
+    fit_error_model,
+    probe_settings,
+    unsplit_settings,
+)
 from leafwarp.study.table import Row, append_row, write_rows
 from leafwarp.study.trial import OutOfTime, Setting, Trial, film_seconds, run_trial, trial_scene
 
@@ -35,7 +48,12 @@ STEP_FACTORS = (0.25, 1.0, 4.0, 16.0)
 SCHEMES = ("split", "unsplit")
 PRECISIONS = ("float32", "float64")
 
-TABLE = "tradeoff.csv"
+TABLE, RESULT, PICTURE = "tradeoff.csv", "tradeoff.json", "tradeoff.png"
+# Tables of the scene that the result repeats.
+TABLES = {"time", "fluid", "transpiration", "source"}
+NOT_CONVERGED = (
+    "shorter steps move away from it; errors are distances from it, no more. A larger budget would help"
+)
 
 DEFAULT_BUDGET = 600.0  # [s]
 # Shares of the budget.
@@ -58,14 +76,16 @@ def run_tradeoff(
 ) -> dict[str, Any]:
     """Measure what speed costs in accuracy on a scene.
 
-    Every setting is a full coupled simulation of the whole plant time, compared at 25 frames with an unsplit float64
-    reference that is as fine as the budget allows. The reference's own error is estimated by refinement: its distance
-    from a computation with half the map and twice the step, which for a method of first order is the error itself. So
-    that motion does not dominate, the film may be shorter than the scene's: gravity and inertia then see less
-    time (``playback_seconds``), all settings alike.
+    Every setting is a full coupled simulation of the whole plant time, compared at 25 frames with an unsplit
+    float64 reference that is as fine as the budget allows. The reference's own error is estimated by
+    refinement: its distance from a computation with half the map, plus that from one with twice the step,
+    each of which is the error itself for a method of first order. Whether the reference can be believed
+    (``converged``) is seen from the settings: those with shorter steps must come closer to it. So that motion
+    does not dominate, the film may be shorter than the scene's: gravity and inertia then see less time
+    (``playback_seconds``), all settings alike.
 
-    Settings run from cheap to dear until the budget is used. Those left out stay in the table with the seconds
-    that they would take.
+    Settings run from cheap to dear until the budget is used. Those left out stay in the table with the
+    seconds that they would take.
 
     Args:
         scene: The scene; its water flows.
@@ -81,13 +101,14 @@ def run_tradeoff(
         What ``tradeoff.json`` holds.
 
     Raises:
-        InputError: The scene prescribes its water, or a table is there already, or a bad budget, device or photo.
+        InputError: The scene prescribes its water, or a table is there already, or a bad budget, device or
+            photo.
         OutputError: The table cannot be written.
     """
     if scene.fluid is None:
         raise InputError(
-            f"{scene.name}: [fluid]: missing; the trade is one of fluid map, step and scheme, and this scene prescribes "
-            "its water ([water])"
+            f"{scene.name}: [fluid]: missing; the trade is one of fluid map, step and scheme, and this scene "
+            "prescribes its water ([water])"
         )
     if not (math.isfinite(budget) and budget > 0.0):
         raise InputError(f"--budget {budget:g}: accepted: a time above 0, such as '10 min'")
@@ -104,17 +125,19 @@ def run_tradeoff(
     device = check_device(device)
     try:
         output.mkdir(parents=True, exist_ok=True)
+        for stale in (output / RESULT, output / PICTURE):
+            stale.unlink(missing_ok=True)
         write_rows(table, [])
     except (OSError, OutputError) as error:
         raise InputError(f"{output}: cannot be written: {error}") from None
     study = _Study(scene, output, device, budget, quiet, maps, step_factors)
     result = study.run()
     write_rows(table, study.rows)
-    write_text(output / "tradeoff.json", json.dumps(result, indent=1, allow_nan=False) + "\n")
-    if can_plot:
+    write_text(output / RESULT, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    if can_plot and any(row.measured for row in study.rows):
         from leafwarp.study.plot import plot_tradeoff
 
-        plot_tradeoff(result, output / "tradeoff.png")
+        plot_tradeoff(result, output / PICTURE)
     return result
 
 
@@ -122,7 +145,8 @@ def map_sizes(shape: tuple[int, int], across: Sequence[int]) -> list[tuple[int, 
     """Maps (width, height) of the scene's proportions with so many cells in the longer direction."""
     width, height = shape
     longer = max(shape)
-    return [(max(1, round(n * width / longer)), max(1, round(n * height / longer))) for n in sorted(set(across))]
+    shares = width / longer, height / longer
+    return [tuple(max(1, round(cells * share)) for share in shares) for cells in sorted(set(across))]
 
 
 class _Study:
@@ -156,7 +180,8 @@ class _Study:
         """Do the study; fills ``rows`` and returns the result."""
         settings = [
             Setting(size, step, scheme, precision)
-            for size, step, scheme, precision in itertools.product(self._maps, self._steps, SCHEMES, PRECISIONS)
+            for size, step in itertools.product(self._maps, self._steps)
+            for scheme, precision in itertools.product(SCHEMES, PRECISIONS)
         ]
         self._costs = CostModel(
             self._trial_scene,
@@ -168,12 +193,16 @@ class _Study:
         self._say("timing a few steps of each map, scheme and precision")
         self._choose_playback(settings)
         reference = self._compute_reference()
-        own = self._errors(self._check, reference)
+        checks = [self._errors(check, reference) for check in self._checks]
+        own = {name: sum(check[name] for check in checks) for name in checks[0]}
         self._say(f"reference's own errors: water {own['water_error']:.2g}, shape {own['shape_error']:.2g}")
         for setting in sorted(settings, key=self._predict):
             self._add_row(setting, reference)
         self._mark(own)
-        return self._result(reference, own)
+        result = self._result(reference, own)
+        if not result["reference"]["converged"]:
+            self._say(f"the reference is not converged: {NOT_CONVERGED}")
+        return result
 
     # The clock.
 
@@ -189,8 +218,14 @@ class _Study:
         return self._costs.predict(setting, self._playback)
 
     def _choose_playback(self, settings: Sequence[Setting]) -> None:
-        """The scene's own film, or one as much shorter as makes all the motion fit into its share of the budget."""
-        per_second = sum(self._costs.motion(setting) for setting in settings)
+        """The scene's own film, or one so much shorter that all motion fits into its share of the budget."""
+        left = (1.0 - REFERENCE_SHARE - MOTION_SHARE) * self._budget
+        per_second = 0.0
+        for setting in sorted(settings, key=lambda setting: self._costs.predict(setting, 0.0)):
+            left -= self._costs.predict(setting, 0.0)
+            if per_second > 0.0 and left < 0.0:
+                break
+            per_second += self._costs.motion(setting)
         self._playback = min(self._playback, MOTION_SHARE * self._budget / per_second)
         self._trial_scene = trial_scene(self._scene, self._playback)
 
@@ -223,7 +258,9 @@ class _Study:
         Raises:
             SimulationError: Not even the cheapest reference can be computed.
         """
-        candidates = unsplit_settings(self._maps, self._steps)
+        # A map below those of the table is there for small budgets.
+        smallest = tuple(max(1, cells // 2) for cells in self._maps[0])
+        candidates = unsplit_settings([smallest, *self._maps], self._steps)
         end = self._spent + REFERENCE_SHARE * self._budget
         model = self._error_model(candidates)
         while True:
@@ -232,7 +269,7 @@ class _Study:
             self._say(f"reference: {setting}, {self._predict(setting):.0f} s expected")
             try:
                 reference = self._run(setting, math.inf if is_cheapest else end - self._spent)
-                self._check = self._run(setting.coarsened(2, 2.0))
+                self._checks = [self._run(check) for check in check_settings(setting)]
                 return reference
             except (OutOfTime, SimulationError) as error:
                 if len(candidates) == 1:
@@ -243,7 +280,7 @@ class _Study:
     def _error_model(self, candidates: Sequence[Setting]) -> ErrorModel:
         """How the error depends on map and step: measured where that is cheap, else both count alike."""
         coarsest = min(candidates, key=lambda c: (c.cells_across, -c.step))
-        probes = probe_settings(coarsest.coarsened(2), self._steps)
+        probes = probe_settings(coarsest, self._steps)
         if sum(map(self._predict, probes)) > PROBE_SHARE * self._budget:
             return ErrorModel(per_second=1.0 / coarsest.step, per_cell=float(coarsest.cells_across))
         self._say(f"how the error depends on map and step: {len(probes)} trials around {probes[0]}")
@@ -265,7 +302,9 @@ class _Study:
                 row.status = f"failed: {error}"
         self.rows.append(row)
         append_row(self._output / TABLE, row)
-        took = f"{row.seconds:.1f} s, water {row.water_error:.2g}" if row.measured else f"{predicted:.0f} s predicted"
+        took = f"{predicted:.0f} s expected"
+        if row.measured:
+            took = f"{row.seconds:.1f} s, water {row.water_error:.2g}"
         self._say(f"{setting}: {row.status}, {took}")
 
     # What is found.
@@ -300,9 +339,23 @@ class _Study:
         for kind in ("water", "shape"):
             floor = own[f"{kind}_error"]
             errors = np.array([getattr(row, f"{kind}_error") for row in measured])
-            for row, error, on_front in zip(measured, errors, pareto_front(seconds, errors, floor), strict=True):
+            front = pareto_front(seconds, errors, floor)
+            for row, error, on_front in zip(measured, errors, front, strict=True):
                 setattr(row, f"{kind}_within_reference", bool(error < floor))
                 setattr(row, f"{kind}_pareto", bool(on_front))
+
+    def _is_converged(self, own_water_error: float) -> bool:
+        families: dict[tuple, list[Row]] = {}
+        for row in self.rows:
+            if row.measured:
+                family = row.map_width, row.map_height, row.scheme, row.precision
+                families.setdefault(family, []).append(row)
+        return all(
+            errors_fall_with_the_step(
+                [row.fluid_step for row in rows], [row.water_error for row in rows], own_water_error
+            )
+            for rows in families.values()
+        )
 
     def _result(self, reference: Trial, own: dict[str, float]) -> dict[str, Any]:
         import warp as wp
@@ -311,6 +364,7 @@ class _Study:
         versions = {"leafwarp": __version__, "python": platform.python_version(), "numpy": np.__version__}
         return {
             "scene": self._scene.name,
+            "tables": self._scene.model_dump(mode="json", include=TABLES),
             "versions": {**versions, "warp": wp.__version__},
             "device": {"name": wp.get_device(self._device).name, "alias": self._device},
             "machine": f"{platform.machine()}, {os.cpu_count()} cores",
@@ -324,8 +378,12 @@ class _Study:
             "reference": {
                 **asdict(reference.setting),
                 "seconds": reference.total_seconds,
-                "check": {**asdict(self._check.setting), "seconds": self._check.total_seconds},
                 "own_errors": own,
+                "converged": self._is_converged(own["water_error"]),
+                "checks": [
+                    asdict(check.setting) | {"seconds": check.total_seconds} | self._errors(check, reference)
+                    for check in self._checks
+                ],
             },
             "settings": [asdict(row) for row in self.rows],
         }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -97,19 +98,20 @@ def trial_scene(scene: Scene, playback: float) -> Scene:
 
     Args:
         scene: The user's scene.
-        playback: Playback time [s] in which the leaf dries. A film that is shorter than the scene's costs fewer
+        playback: Playback time [s] in which the leaf dries. A film shorter than the scene's costs fewer
             motion substeps; inertia counts for more in it.
     """
     frames = max(2, min(SAMPLED_FRAMES, scene.time.frames))
     fps = min((frames - 1) / playback, HIGHEST_FPS)
     longer = max(1.0, scene.time.fps / fps)
+    substeps = scene.solver.maximum_substeps
     return scene.with_changes(
         {
             "time.frames": frames,
             "time.fps": fps,
             "output.contact_sheet": False,
             "output.display_color": False,
-            "solver.maximum_substeps": int(min(HIGHEST_SUBSTEPS, np.ceil(scene.solver.maximum_substeps * longer))),
+            "solver.maximum_substeps": min(HIGHEST_SUBSTEPS, math.ceil(substeps * longer)),
         }
     )
 
