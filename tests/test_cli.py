@@ -7,6 +7,7 @@ import os
 import signal
 import subprocess
 import sys
+import zlib
 from itertools import pairwise
 from pathlib import Path
 
@@ -178,6 +179,119 @@ def test_a_signal_ends_the_run_after_its_frame(small_scene: Path, tmp_path: Path
     assert len(samples) >= 3
     assert samples == [float(f) for f in range(1, len(samples) + 1)]
     assert json.loads((tmp_path / "small.report.json").read_text())["frames"] == len(samples)
+
+
+@pytest.mark.parametrize("last_line", ["frame 1/", "frame 7/"])
+def test_kill_9_leaves_every_finished_frame(small_scene: Path, tmp_path: Path, last_line: str) -> None:
+    from pxr import Usd, UsdGeom
+
+    from leafwarp.usd.check import check_usd
+
+    command = [sys.executable, "-m", "leafwarp", "run", str(small_scene), "-o", str(tmp_path)]
+    process = subprocess.Popen(
+        [*command, "--set", "time.frames=5000"], env=ENVIRONMENT, stderr=subprocess.PIPE, text=True
+    )
+    done = 0
+    for line in process.stderr:
+        done += line.startswith("frame ")
+        if line.startswith(last_line):
+            process.kill()
+            break
+    done += sum(line.startswith("frame ") and line.endswith("s\n") for line in process.stderr)
+    process.wait()
+    assert check_usd(tmp_path / "small.usd", unfinished=True) == []
+    stage = Usd.Stage.Open(str(tmp_path / "small.usd"))
+    mesh = UsdGeom.Mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))
+    assert len(mesh.GetPointsAttr().GetTimeSamples()) >= done
+    # The next run replaces what was left.
+    finished = subprocess.run([*command, "--overwrite", "-q"], env=ENVIRONMENT, capture_output=True, text=True)
+    assert finished.returncode == 0, finished.stderr
+    assert check_usd(tmp_path / "small.usd") == []
+    assert not list(tmp_path.glob("*.frames"))
+
+
+def test_a_full_disk_in_mid_run_keeps_the_frames(small_scene: Path, tmp_path: Path) -> None:
+    """Files may not grow past 6 kB from the third frame on: what is on disk stays, and one line says what happened."""
+    code = (
+        "import resource, signal, sys\n"
+        "from leafwarp.cli import main\n"
+        "from leafwarp.usd.writer import UsdWriter\n"
+        "signal.signal(signal.SIGXFSZ, signal.SIG_IGN)\n"
+        "write = UsdWriter.write\n"
+        "def limited(self, frame):\n"
+        "    if frame.index == 4:\n"
+        "        resource.setrlimit(resource.RLIMIT_FSIZE, (1000, resource.RLIM_INFINITY))\n"
+        "    write(self, frame)\n"
+        "UsdWriter.write = limited\n"
+        "sys.exit(main(sys.argv[1:]))\n"
+    )
+    command = [sys.executable, "-c", code, "run", str(small_scene), "-o", str(tmp_path), "-q"]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True)
+    assert done.returncode == 1
+    lines = [line for line in done.stderr.splitlines() if line.startswith("leafwarp: ")]
+    assert len(lines) == 1 and "cannot be written" in lines[0]
+    assert "Traceback" not in done.stderr
+    from pxr import Usd, UsdGeom
+
+    stage = Usd.Stage.Open(str(tmp_path / "small.usd"))
+    mesh = UsdGeom.Mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))
+    assert mesh.GetPointsAttr().GetTimeSamples() == [1.0, 2.0, 3.0]
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        (None, "no such file"),
+        (b"", "is empty"),
+        (b"this is no picture", "leaf.png"),
+        ("truncated", "leaf.png"),
+        ("one pixel", "leaf.png"),
+        ("huge", "leaf.png"),
+        ("blank", "leaf.png"),
+    ],
+)
+def test_bad_photos_are_one_line_each(
+    content, words: str, photo: Path, small_scene: Path, tmp_path: Path, capsys
+) -> None:
+    import cv2
+    import numpy as np
+
+    image = tmp_path / "leaf.png"
+    if content == "truncated":
+        image.write_bytes(photo.read_bytes()[:-200])
+    elif content == "huge":
+        # The header declares 20,000 x 20,000 pixels; the data are those of a small picture.
+        data = bytearray(photo.read_bytes())
+        data[16:24] = (20_000).to_bytes(4, "big") * 2
+        data[29:33] = zlib.crc32(data[12:29]).to_bytes(4, "big")
+        image.write_bytes(data)
+    elif isinstance(content, str):
+        size = (1, 1) if content == "one pixel" else (200, 300)
+        cv2.imwrite(str(image), np.full((*size, 3), 240, np.uint8))
+    elif content is not None:
+        image.write_bytes(content)
+    line = refused(capsys, "run", small_scene, "-o", tmp_path, "-q", "--set", f"leaf.image='{image}'")
+    assert words in line
+    assert not (tmp_path / "small.usd").exists()
+
+
+@pytest.mark.parametrize("depth", ["grey", "16-bit", "alpha"])
+def test_grey_16_bit_and_alpha_photos_are_accepted(depth: str, photo: Path, small_scene: Path, tmp_path: Path) -> None:
+    import cv2
+    import numpy as np
+
+    picture = cv2.imread(str(photo))
+    if depth == "grey":
+        picture = cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY)
+    elif depth == "16-bit":
+        picture = picture.astype(np.uint16) * 257
+    else:
+        opaque = (cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) < 200).astype(np.uint8) * 255
+        picture = np.dstack([picture, opaque])
+    image = tmp_path / "leaf.png"
+    cv2.imwrite(str(image), picture)
+    changes = ["--set", f"leaf.image='{image}'", "--frames", "1:2"]
+    assert main(["run", str(small_scene), "-o", str(tmp_path), "-q", *changes]) == 0
 
 
 def test_progress_is_a_line_a_frame_when_not_on_a_terminal(small_scene: Path, tmp_path: Path) -> None:
