@@ -42,6 +42,10 @@ def _sorted_curve(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float,
 Curve = Annotated[tuple[tuple[float, float], ...], Field(min_length=1, max_length=64), AfterValidator(_sorted_curve)]
 
 
+def _varies(curve: tuple[tuple[float, float], ...]) -> bool:
+    return len({value for _, value in curve}) > 1
+
+
 def _within(low: float, high: float, what: str) -> AfterValidator:
     def check(curve: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
         for _, value in curve:
@@ -302,10 +306,21 @@ class Scene(_Table):
             for table in ("transpiration", "source"):
                 if getattr(self, table) is not None:
                     raise ValueError(f"[{table}] needs [fluid]: with [water] the water is prescribed")
-        if self.curl is not None and self.structure.bending_stiffness is None:
+        if self.curl is not None and not self.has_angular_springs:
             raise ValueError("[curl] needs structure.bending_stiffness: without angular springs nothing can curl")
-        if self.motion.settle and self.motion.gravity is None:
-            raise ValueError("motion.settle needs motion.gravity: without gravity the leaf is at rest already")
+        if "bending" in self.structure.model_fields_set and not self.has_angular_springs:
+            raise ValueError(
+                "structure.bending needs structure.bending_stiffness: there are no angular springs without"
+            )
+        if self.motion.wind is not None and self.motion.drag == 0.0:
+            raise ValueError("motion.wind needs motion.drag above 0: air without drag moves nothing")
+        if self.motion.settle and not self.has_weight and self.motion.wind is None:
+            raise ValueError(
+                "motion.settle needs motion.gravity or motion.wind: without a load the leaf is at rest already"
+            )
+        for name in ("venation", "stomata", "water", "source"):
+            if name in self.maps.model_fields_set and name not in self.map_names:
+                raise ValueError(f"maps.{name} is given, but nothing in this scene depends on that map")
         return self
 
     @property
@@ -318,19 +333,34 @@ class Scene(_Table):
         """Whether veins shrink, curl or resist otherwise than the lamina."""
         return (
             self.structure.vein_stiffness != 1.0
-            or (self.shrink is not None and self.shrink.vein_resistance > 0.0)
-            or (self.curl is not None and self.curl.vein_resistance > 0.0)
+            or (self.shrinks and self.shrink.vein_resistance > 0.0)
+            or (self.curls and self.curl.vein_resistance > 0.0)
         )
+
+    @property
+    def shrinks(self) -> bool:
+        """Whether rest lengths depend on the water."""
+        return self.shrink is not None and _varies(self.shrink.curve)
+
+    @property
+    def curls(self) -> bool:
+        """Whether rest angles depend on the water."""
+        return self.curl is not None and _varies(self.curl.mismatch)
+
+    @property
+    def has_weight(self) -> bool:
+        """Whether gravity pulls."""
+        return self.motion.gravity is not None and any(self.motion.gravity)
 
     @property
     def stiffness_varies(self) -> bool:
         """Whether the springs' stiffness depends on the water."""
-        return len({factor for _, factor in self.structure.stiffness}) > 1
+        return _varies(self.structure.stiffness)
 
     @property
     def has_angular_springs(self) -> bool:
         """Whether the scene asks for resistance to bending."""
-        return self.structure.bending_stiffness is not None
+        return bool(self.structure.bending_stiffness)
 
     @property
     def map_names(self) -> tuple[str, ...]:
@@ -340,7 +370,7 @@ class Scene(_Table):
             "venation": self.flow_has_veins or self.structure_has_veins,
             "stomata": stomata,
             "water": self.fluid is not None,
-            "source": self.source is not None,
+            "source": self.source is not None and self.source.conductance > 0.0,
         }
         return tuple(name for name, is_wanted in wanted.items() if is_wanted)
 

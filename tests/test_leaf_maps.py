@@ -127,7 +127,8 @@ def test_automatic_veins_are_the_drawn_ones(leaf: tuple, map_size: tuple[int, in
     photo, outline, frame = leaf
     mask, maps = make_maps(photo, outline, frame, map_size, {"venation": "auto", "stomata": "auto"})
     veins = maps["venation"]
-    assert veins.min() == 0.0 and 0.95 < veins.max() <= 1.0 and (veins[~mask] == 0.0).all()
+    # Where even the petiole is narrower than two cells it is drawn wider and paler.
+    assert veins.min() == 0.0 and 0.7 < veins.max() <= 1.0 and (veins[~mask] == 0.0).all()
     np.testing.assert_allclose(maps["stomata"][mask], 1.0 - 0.8 * veins[mask])
 
     def at(points: np.ndarray) -> np.ndarray:
@@ -137,12 +138,24 @@ def test_automatic_veins_are_the_drawn_ones(leaf: tuple, map_size: tuple[int, in
     share = np.linspace(0.15, 0.75, 15)[:, None]
     lines = [start + share * (end - start) for start, end in vein_lines()]
     for number, line in enumerate(lines):
-        assert (at(line) > (0.3 if number == 0 else 0.02)).mean() >= 0.8, number
+        # On the coarsest map the midrib is half as wide as two cells, and so half as strong.
+        assert (at(line) > (0.15 if number == 0 else 0.01)).mean() >= 0.8, number
     midrib = at(lines[0])
     assert midrib[0] > midrib[-1]  # Murray: the flow gathers towards the base
     between = np.array([[210.0 + side * 60.0, height - 50.0] for side in (-1, 1) for height in (195, 250, 305, 360)])
     assert (at(between) < 0.1).mean() >= 0.7
     assert 0.02 < (veins > 0.05).sum() / mask.sum() < 0.35
+
+
+def test_what_veins_carry_does_not_depend_on_the_map(leaf: tuple) -> None:
+    """The capacity of all veins together, an area, from maps on which most are narrower than two cells to fine ones."""
+    photo, outline, frame = leaf
+    totals = []
+    for cells in (128, 256, 512, 1024):
+        _, maps = make_maps(photo, outline, frame, (cells, cells), {"venation": "auto"})
+        totals.append(maps["venation"].mean())
+    # Lines are whole pixels wide and have 8-bit values: a tenth either way. Undiluted, the ratio is above 4.
+    assert max(totals) / min(totals) < 1.25
 
 
 def test_venation_is_one_tree_two_cells_wide(leaf: tuple) -> None:

@@ -13,10 +13,10 @@ from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType
 
-from ..errors import InputError
-from .cache import content_key, load_leaf, store_leaf
-from .leaf import Leaf, LeafMesh, MapFrame
-from .photo import read_bytes
+from leafwarp.errors import InputError
+from leafwarp.leaf.cache import content_key, load_leaf, store_leaf
+from leafwarp.leaf.leaf import Leaf, LeafMesh, MapFrame
+from leafwarp.leaf.photo import read_bytes
 
 __all__ = ["Leaf", "LeafMesh", "MapFrame", "prepare_leaf"]
 
@@ -82,12 +82,12 @@ def _prepare(
     maps: dict[str, str | float | Path],
 ) -> Leaf:
     """Make the leaf; arguments as for :func:`prepare_leaf`, checked."""
-    from .maps import PixelFrame, make_maps
-    from .outline import find_outline
-    from .photo import read_grey, read_photo
-    from .segment import silhouette
-    from .texture import make_texture
-    from .triangulate import triangulate
+    from leafwarp.leaf.maps import PixelFrame, make_maps
+    from leafwarp.leaf.outline import find_outline
+    from leafwarp.leaf.photo import read_grey, read_photo
+    from leafwarp.leaf.segment import silhouette
+    from leafwarp.leaf.texture import make_texture
+    from leafwarp.leaf.triangulate import triangulate
 
     photo = read_photo(image, picture)
     shape = silhouette(photo, None if mask is None else read_grey(mask), mask)
@@ -135,8 +135,7 @@ def _check_arguments(
 
 
 def _checked_maps(image: Path, maps: Mapping[str, str | float | Path]) -> dict[str, str | float | Path]:
-    """The maps wanted, by name in a fixed order; raises InputError where a name or a value is not
-    accepted."""
+    """The maps wanted, by name in a fixed order; raises InputError where a name or a value is not accepted."""
     names = ("venation", "stomata", "water", "source")
     checked = {}
     for name in (*names, *maps):

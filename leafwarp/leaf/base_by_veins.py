@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from .photo import Photo
-from .segment import Silhouette
-from .veins import drainage, vein_likelihood
+from leafwarp.leaf.photo import Photo
+from leafwarp.leaf.segment import Silhouette
+from leafwarp.leaf.veins import drainage, vein_likelihood
 
 SIDE = 224  # [pixels] bound of the long side: only the main veins matter
 TIE = 1.02  # costs this close are equal; then the lower point in the picture is the base

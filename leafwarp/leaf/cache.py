@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .leaf import Leaf, LeafMesh, MapFrame
+from leafwarp.leaf.leaf import Leaf, LeafMesh, MapFrame
 
 _MESH_ARRAYS = ("positions", "triangles", "edges", "hinges", "edge_areas", "vertex_areas")
 

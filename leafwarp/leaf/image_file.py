@@ -42,8 +42,7 @@ class ImageHeader:
 
 
 def read_header(data: bytes) -> ImageHeader:
-    """Header of an image file; raises BrokenImage where the file is no image of these formats or is
-    incomplete."""
+    """Header of an image file; raises BrokenImage where the file is no image of these formats or is incomplete."""
     try:
         if data.startswith(b"\x89PNG\r\n\x1a\n"):
             return _png(data)

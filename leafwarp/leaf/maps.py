@@ -13,10 +13,10 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
-from .outline import Outline
-from .photo import Photo, read_grey
-from .veins import CONDUCTANCE_POWER, Branch, vein_likelihood, vein_tree
+from leafwarp.errors import InputError
+from leafwarp.leaf.outline import Outline
+from leafwarp.leaf.photo import Photo, read_grey
+from leafwarp.leaf.veins import CONDUCTANCE_POWER, Branch, vein_likelihood, vein_tree
 
 RASTER_SIDE = 4096  # [pixels] bound of the fine raster that veins and coverage are drawn on
 LEAST_RASTER = 1024  # [pixels] least side of it, however few the cells
@@ -110,8 +110,7 @@ def _cell(frame: PixelFrame, point: np.ndarray, map_size: tuple[int, int]) -> tu
 
 
 def _refinement(map_size: tuple[int, int], frame: PixelFrame, least: int) -> tuple[int, int]:
-    """Fine raster pixels a cell across and down: nearly square, at least so many where the raster's bound
-    allows."""
+    """Fine raster pixels a cell across and down: nearly square, at least so many where the raster's bound allows."""
     cell = np.divide(frame.size, map_size)
     wanted = np.maximum(least, np.rint(least * cell / cell.min()))
     wanted = np.maximum(wanted, np.ceil(LEAST_RASTER / np.array(map_size)))
@@ -132,8 +131,7 @@ def _coverage(outline: Outline, frame: PixelFrame, map_size: tuple[int, int]) ->
 
 
 def _cell_means(fine: np.ndarray, map_size: tuple[int, int]) -> np.ndarray:
-    """Means over the cells of a fine 8-bit raster (top row first), in [0, 1], bottom row first, shape [ny,
-    nx]."""
+    """Means over the cells of a fine 8-bit raster (top row first), in [0, 1], bottom row first, shape [ny, nx]."""
     import cv2
 
     means = cv2.resize(fine.astype(np.float32), map_size, interpolation=cv2.INTER_AREA)[::-1] / 255.0
@@ -174,8 +172,7 @@ def leaf_cells(coverage: np.ndarray, base: tuple[int, int], tip: tuple[int, int]
 
 
 def _path(coverage: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list[tuple[int, int]]:
-    """Cells of the cheapest 4-connected path from one region to another; bare cells cost a hundred covered
-    ones."""
+    """Cells of the cheapest 4-connected path from one region to another; bare cells cost a hundred covered ones."""
     rows, columns = coverage.shape
     cost = {(int(row), int(column)): 0.0 for row, column in zip(*np.nonzero(start), strict=True)}
     heap = [(0.0, cell) for cell in cost]
@@ -224,7 +221,8 @@ def find_veins(photo: Photo, outline: Outline) -> list[Branch]:
 def _draw(branches: list[Branch], outline: Outline, frame: PixelFrame, map_size: tuple[int, int]) -> np.ndarray:
     """Flow capacity of the cells: Q to the power 4/3 * 0.35, drawn antialiased and at least two cells wide.
 
-    A vein narrower than two cells would conduct according to how it happens to lie between cell centres.
+    A vein narrower than two cells would conduct according to how it happens to lie between cell centres; it is drawn
+    wider, and paler by as much, so that what it carries does not depend on the map's size.
     """
     import cv2
 
@@ -242,15 +240,16 @@ def _draw(branches: list[Branch], outline: Outline, frame: PixelFrame, map_size:
         feeds = flow[keep]
         segments += zip(np.minimum(feeds[:-1], feeds[1:]), corners[:-1], corners[1:], strict=True)
     for flow, start, end in sorted(segments, key=lambda segment: segment[0]):  # the larger vein on top
-        thickness = max(1, round(max(widest * flow ** (1.0 / 3.0), narrowest) / pixel))
-        value = max(1, round(255.0 * flow**CONDUCTANCE_POWER))
+        width = widest * flow ** (1.0 / 3.0)
+        thickness = max(1, round(max(width, narrowest) / pixel))
+        paleness = min(1.0, width / (thickness * pixel))
+        value = max(1, round(255.0 * flow**CONDUCTANCE_POWER * paleness))
         cv2.line(fine, start.tolist(), end.tolist(), value, thickness, cv2.LINE_AA, 8)
     return _cell_means(fine, map_size)
 
 
 def _source(outline: Outline, frame: PixelFrame, map_size: tuple[int, int], mask: np.ndarray) -> np.ndarray:
-    """Cells within half a petiole's width of the base, those at the rim in part; at least the base's own
-    cell."""
+    """Cells within half a petiole's width of the base, those at the rim in part; at least the base's own cell."""
     radius = float(np.clip(0.5 * outline.petiole_width, 0.005 * outline.length, 0.03 * outline.length))
     cell = np.divide(frame.size, map_size)
     x = frame.left + (np.arange(map_size[0]) + 0.5) * cell[0] - outline.base[0]

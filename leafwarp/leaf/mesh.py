@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..errors import InputError
-from .leaf import LeafMesh
+from leafwarp.errors import InputError
+from leafwarp.leaf.leaf import LeafMesh
 
 if TYPE_CHECKING:
     import trimesh

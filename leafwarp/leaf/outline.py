@@ -9,9 +9,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ..errors import InputError
-from .photo import Photo
-from .segment import Silhouette
+from leafwarp.errors import InputError
+from leafwarp.leaf.photo import Photo
+from leafwarp.leaf.segment import Silhouette
 
 STALK_SIDE = 512  # [pixels] bound of the long side while looking for the petiole
 STALK_OPENINGS = (
@@ -65,7 +65,7 @@ def find_outline(photo: Photo, shape: Silhouette, base: tuple[float, float] | No
     if base is None:
         found = stalk_end(shape)
         if found is None:
-            from .base_by_veins import base_by_veins
+            from leafwarp.leaf.base_by_veins import base_by_veins
 
             found = base_by_veins(photo, shape, points)
     else:
@@ -105,8 +105,7 @@ def trace(shape: Silhouette) -> np.ndarray:
 
 
 def smooth_closed(points: np.ndarray, sigma: float) -> np.ndarray:
-    """A closed polygon, evenly resampled, convolved along its arc with a Gaussian of sigma (in its mean
-    steps)."""
+    """A closed polygon, evenly resampled, convolved along its arc with a Gaussian of sigma (in its mean steps)."""
     points = resample_closed(points, len(points))
     frequency = np.fft.rfftfreq(len(points))
     gain = np.exp(-2.0 * (np.pi * frequency * sigma) ** 2)
@@ -153,8 +152,7 @@ def stalk_end(shape: Silhouette) -> np.ndarray | None:
 
 
 def _as_stalk(piece: np.ndarray, reach: np.ndarray) -> tuple[float, np.ndarray | None]:
-    """Length and end of a piece if it is a stalk, else (0, None). ``reach`` is the distance from the
-    blade."""
+    """Length and end of a piece if it is a stalk, else (0, None). ``reach`` is the distance from the blade."""
     rows, columns = np.nonzero(piece)
     distance = reach[rows, columns]
     length = distance.max()

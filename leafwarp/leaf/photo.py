@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
-from .image_file import BrokenImage, ImageHeader, read_header
+from leafwarp.errors import InputError
+from leafwarp.leaf.image_file import BrokenImage, ImageHeader, read_header
 
 ACCEPTED = "PNG, JPEG, TIFF or WebP"
 MAXIMUM_PIXELS = 150_000_000
@@ -91,8 +91,7 @@ def read_grey(path: Path, data: bytes | None = None) -> np.ndarray:
 
 
 def _read_pixels(path: Path, data: bytes | None, minimum_side: int) -> np.ndarray:
-    """Upright pixels as stored (any depth, blue first), the declared size checked before anything is
-    decoded."""
+    """Upright pixels as stored (any depth, blue first), the declared size checked before anything is decoded."""
     path = Path(path)
     data = read_bytes(path) if data is None else data
     try:
@@ -131,8 +130,7 @@ def _decode(data: bytes, header: ImageHeader) -> np.ndarray | None:
 
 
 def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
-    """Undo the camera's turn: EXIF orientations 5 to 8 are transposed, then mirrored along one or both
-    axes."""
+    """Undo the camera's turn: EXIF orientations 5 to 8 are transposed, then mirrored along one or both axes."""
     if orientation >= 5:
         pixels = pixels.swapaxes(0, 1)
     if orientation in (2, 3, 6, 7):

@@ -12,8 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
-from .photo import Photo
+from leafwarp.errors import InputError
+from leafwarp.leaf.photo import Photo
 
 WORK_SIDE = 1024  # [pixels] bound of the picture's long side while segmenting
 LIGHTNESS_WEIGHT = 0.6  # lightness counts less than chromaticity: illumination is uneven
@@ -100,8 +100,7 @@ def _against_background(photo: Photo, colour: np.ndarray) -> tuple[np.ndarray, n
 
 
 def _near(blade: np.ndarray, likely: np.ndarray) -> np.ndarray:
-    """Thin stretches of the likely pixels: what an opening removes. A broad faint patch is a shadow, not a
-    petiole."""
+    """Thin stretches of the likely pixels: what an opening removes. A broad faint patch is a shadow, not a petiole."""
     import cv2
 
     radius = max(2, round(0.012 * max(blade.shape)))

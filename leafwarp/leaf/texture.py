@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
-from .bleed import extend_colours, inner_pixels, near_margin
-from .maps import PixelFrame
-from .outline import Outline
-from .photo import Photo
-from .segment import Silhouette
+from leafwarp.leaf.bleed import extend_colours, inner_pixels, near_margin
+from leafwarp.leaf.maps import PixelFrame
+from leafwarp.leaf.outline import Outline
+from leafwarp.leaf.photo import Photo
+from leafwarp.leaf.segment import Silhouette
 
 LONGEST = 4096  # [pixels] a bound that every viewer loads
 CERTAIN = 0.4  # value of the silhouette's field from which a pixel near the margin shows the leaf alone

@@ -6,10 +6,10 @@ from itertools import pairwise
 
 import numpy as np
 
-from ..errors import InputError
-from .leaf import LeafMesh
-from .mesh import mesh_from_triangles
-from .outline import resample_closed, smooth_closed
+from leafwarp.errors import InputError
+from leafwarp.leaf.leaf import LeafMesh
+from leafwarp.leaf.mesh import mesh_from_triangles
+from leafwarp.leaf.outline import resample_closed, smooth_closed
 
 LEAST_VERTICES, MOST_VERTICES = 30, 400_000
 COUNT_TOLERANCE = 0.01
@@ -86,8 +86,7 @@ def boundary_polygon(outline: np.ndarray, tip: np.ndarray, edge: float) -> np.nd
 
 
 def _fit_to_edge(outline: np.ndarray, edge: float) -> np.ndarray:
-    """Outline with narrow notches closed and thin parts widened, counter-clockwise, some 10 points an
-    edge."""
+    """Outline with narrow notches closed and thin parts widened, counter-clockwise, some 10 points an edge."""
     import cv2
 
     pixel, pad = edge / RASTER, 2 * RASTER
@@ -139,8 +138,7 @@ def _insert(points: np.ndarray, point: np.ndarray, edge: float) -> np.ndarray:
 
 
 def _corners(points: np.ndarray, tip: np.ndarray, edge: float) -> np.ndarray:
-    """Indices of the points to keep, ascending from 0: base, tip, and sharp turns not too near to one
-    another."""
+    """Indices of the points to keep, ascending from 0: base, tip, and sharp turns not too near to one another."""
     count = len(points)
     step = np.linalg.norm(np.roll(points, -1, axis=0) - points, axis=1)
     arc = np.concatenate([[0.0], np.cumsum(step)])
@@ -195,8 +193,7 @@ def _is_simple(polygon: np.ndarray) -> bool:
 
 
 def _fill(polygon: np.ndarray, edge: float) -> tuple[np.ndarray, np.ndarray]:
-    """Positions and triangles of a counter-clockwise polygon; the first polygon point is exactly the first
-    vertex."""
+    """Positions and triangles of a counter-clockwise polygon; the first polygon point is exactly the first vertex."""
     import netgen.meshing
     from netgen.geom2d import SplineGeometry
 

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .bleed import extend_colours, inner_pixels
+from leafwarp.leaf.bleed import extend_colours, inner_pixels
 
 DIRECTIONS = 12
 COST_FLOOR, COST_POWER = 0.03, 1.5
@@ -64,8 +64,7 @@ def vein_likelihood(colour: np.ndarray, inside: np.ndarray) -> np.ndarray:
 
 
 def _stalk_middle(inside: np.ndarray) -> np.ndarray:
-    """1 along the middle of parts too thin to show a vein (the petiole), falling to 0 at their margin; 0
-    elsewhere."""
+    """1 along the middle of parts too thin to show a vein (the petiole), falling to 0 at their margin; 0 elsewhere."""
     import cv2
 
     margin = cv2.distanceTransform(np.pad(inside, 1).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5)[1:-1, 1:-1]
@@ -100,8 +99,7 @@ def _directional_top_hat(channel: np.ndarray) -> np.ndarray:
 
 
 def _ridge_bank(channel: np.ndarray) -> np.ndarray:
-    """Largest response of second-derivative Gaussians, long along the ridge, over directions and two
-    widths."""
+    """Largest response of second-derivative Gaussians, long along the ridge, over directions and two widths."""
     import cv2
 
     best = np.zeros_like(channel)
@@ -173,8 +171,7 @@ def vein_tree(likelihood: np.ndarray, inside: np.ndarray, base: np.ndarray) -> l
 
 
 def accumulate(cost: np.ndarray, predecessor: np.ndarray) -> np.ndarray:
-    """Share of all pixels that drain through each one, shape [count]; pixels farther than their
-    predecessor."""
+    """Share of all pixels that drain through each one, shape [count]; pixels farther than their predecessor."""
     flow = np.isfinite(cost).astype(float).tolist()
     parents = predecessor.tolist()
     for pixel in np.argsort(-np.where(np.isfinite(cost), cost, -1.0), kind="stable").tolist():

@@ -30,16 +30,16 @@ from leafwarp_kernels.sampling import sample_map
 
 def watered_points(scene: Scene) -> tuple[str, ...]:
     """The kinds of points at which the scene needs the water."""
-    edge = scene.shrink is not None or scene.stiffness_varies
-    hinge = scene.has_angular_springs and (scene.curl is not None or scene.stiffness_varies)
+    edge = scene.shrinks or scene.stiffness_varies
+    hinge = scene.has_angular_springs and (scene.curls or scene.stiffness_varies)
     return ("edge",) * edge + ("hinge",) * hinge + ("vertex",)
 
 
 def veined_points(scene: Scene) -> tuple[str, ...]:
     """The kinds of points at which the structure needs the venation."""
     stiffer = scene.structure.vein_stiffness != 1.0
-    edge = stiffer or (scene.shrink is not None and scene.shrink.vein_resistance > 0.0)
-    bends = stiffer or (scene.curl is not None and scene.curl.vein_resistance > 0.0)
+    edge = stiffer or (scene.shrinks and scene.shrink.vein_resistance > 0.0)
+    bends = stiffer or (scene.curls and scene.curl.vein_resistance > 0.0)
     return ("edge",) * edge + ("hinge",) * (bends and scene.has_angular_springs)
 
 
@@ -79,7 +79,7 @@ class Stencils(Stage):
 
     def bind(self, state: State) -> None:
         for points in self.points:
-            cells, weights = sampling_stencils(point_uv(self.leaf, points), self.leaf.mask)
+            cells, weights = sampling_stencils(point_uv(self.leaf, points), self.leaf.mask, self.leaf.frame.size)
             state.upload(f"{points}_stencil_cells", cells)
             state.upload(f"{points}_stencil_weights", weights)
 

@@ -51,7 +51,7 @@ class Settled:
 class Motion:
     """Moves the structure from frame to frame.
 
-    The substeps of a frame are the least number of whole blocks that makes them safe; they are decided between frames
+    The substeps of a frame are the fewest that are safe; they are decided between frames
     from the stiffness and masses of the moment. After the frame its step is checked against the new geometry.
     If it was too long, or a vertex is not finite or has been thrown, the frame is redone with twice the
     substeps.
@@ -84,11 +84,13 @@ class Motion:
         # Still air only slows the leaf on its way to rest; wind is a load, and its drag brings it to rest.
         self._windy = scene.motion.wind is not None and scene.motion.drag > 0.0
         self._settling = [stage for stage in self._stages if self._windy or not isinstance(stage, Air)]
-        self._graphs: dict[tuple[int, int], tuple[wp.Graph, int]] = {}
+        self._graphs: dict[tuple, tuple[wp.Graph, int]] = {}
         self.substeps = 0
         self.largest_substeps = 0
         self.retries = 0
         self.unbalanced_torque = None if self._paper is None else 0.0
+        for power in range(BLOCK.bit_length()):
+            self._graph(2**power, self._stages)
         self.start()
 
     def start(self) -> None:
@@ -103,21 +105,14 @@ class Motion:
         self._state.upload("damping_time", np.array([self._damping_time]))
 
     def required_substeps(self, frame_duration: float) -> int | float:
-        """Substeps that a frame needs now, in whole blocks; infinite where no step is safe.
-
-        A power of two up to a block, then a multiple of it: every count is made of few captured graphs, since
-        the length of a step is not part of a graph.
+        """The fewest substeps that are safe for a frame now; infinite where no step is.
 
         Args:
             frame_duration: Playback time of the frame [s].
         """
         limit = SAFETY * self._limit()
         least = frame_duration / limit if limit > 0.0 else math.inf
-        if not math.isfinite(least):
-            return math.inf
-        if least > BLOCK:
-            return BLOCK * math.ceil(least / BLOCK)
-        return 2 ** math.ceil(math.log2(max(least, 1.0)))
+        return max(1, math.ceil(least)) if math.isfinite(least) else math.inf
 
     def advance(self, frame_duration: float, frame: int) -> int:
         """Move the leaf by one frame.
@@ -198,28 +193,35 @@ class Motion:
             if problem is None:
                 return substeps
             self._guard.restore()
-            if 2 * substeps > most:
+            if substeps >= most:
                 reason = f"{problem} with {substeps} substeps, and no more than {most} are allowed; "
                 raise SimulationError(frame, "motion", reason + self._remedy())
-            substeps *= 2
+            substeps = min(2 * substeps, most)
             self.retries += 1
 
     def _run_substeps(self, count: int, step: float, stages: list[Stage]) -> None:
-        """Run a number of substeps that :meth:`required_substeps` may give."""
-        self._state.upload("time_step", np.array([step]))
-        block = min(count, BLOCK)
-        graph, launches = self._block(block, stages)
-        for _ in range(count // block):
-            wp.capture_launch(graph)
-        self._state.launch_count += launches * (count // block)
-        self.substeps += count
+        """Run substeps by replaying graphs of powers of two of them, which any count is a sum of.
 
-    def _block(self, count: int, stages: list[Stage]) -> tuple[wp.Graph, int]:
+        The length of a step lies in an array, not in the graphs: they serve every frame.
+        """
+        self._state.upload("time_step", np.array([step]))
+        self.substeps += count
+        size = BLOCK
+        while count > 0:
+            if count < size:
+                size //= 2
+                continue
+            graph, launches = self._graph(size, stages)
+            wp.capture_launch(graph)
+            self._state.launch_count += launches
+            count -= size
+
+    def _graph(self, count: int, stages: list[Stage]) -> tuple[wp.Graph, int]:
         """The graph of this many substeps, and its launches; captured when first asked for."""
-        key = (count, len(stages))
+        key = (count, *(stage.name for stage in stages))
         if key not in self._graphs:
             before = self._state.launch_count
-            with wp.ScopedCapture(device=self._state.device) as capture:
+            with wp.ScopedCapture(device=self._state.device, force_module_load=False) as capture:
                 for _ in range(count):
                     for stage in stages:
                         stage.run()

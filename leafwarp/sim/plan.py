@@ -57,7 +57,7 @@ def _samples_maps(scene: Scene) -> bool:
 
 def _bending_left_out(scene: Scene, leaf: Leaf, how: str) -> str | None:
     if not scene.has_angular_springs:
-        return "the scene has no structure.bending_stiffness"
+        return "no structure.bending_stiffness, or it is 0"
     if leaf.mesh.hinge_count == 0:
         return "no two triangles of the mesh share an edge"
     return None if scene.structure.bending == how else f"structure.bending is {scene.structure.bending}"
@@ -84,9 +84,9 @@ CANDIDATES: tuple[_Candidate, ...] = (
     _Candidate("coupling", "prescribed_water", f"{_COUPLING}:PrescribedWater",
                _needs(lambda s: s.water, "the water flows ([fluid])")),
     _Candidate("coupling", "rest_lengths", f"{_COUPLING}:RestLengths",
-               _needs(lambda s: s.shrink, "the scene has no [shrink]")),
+               _needs(lambda s: s.shrinks, "no [shrink], or its curve is flat")),
     _Candidate("coupling", "rest_angles", f"{_COUPLING}:RestAngles",
-               _needs(lambda s: s.curl, "the scene has no [curl]")),
+               _needs(lambda s: s.curls, "no [curl], or its mismatch is flat")),
     _Candidate("coupling", "stiffness", f"{_COUPLING}:Stiffness", _stiffness_left_out),
     _Candidate("coupling", "mass", f"{_COUPLING}:Mass",
                _needs(lambda s: s.structure.water_mass > 0.0, "structure.water_mass is 0")),
@@ -97,7 +97,7 @@ CANDIDATES: tuple[_Candidate, ...] = (
     _Candidate("motion", "paper_bending", f"{_FORCES}:PaperBending",
                lambda s, leaf: _bending_left_out(s, leaf, "paper")),
     _Candidate("motion", "gravity", f"{_FORCES}:Gravity",
-               _needs(lambda s: s.motion.gravity, "the scene has no motion.gravity")),
+               _needs(lambda s: s.has_weight, "no motion.gravity, or none in any direction")),
     _Candidate("motion", "air", f"{_FORCES}:Air", _needs(lambda s: s.motion.drag > 0.0, "motion.drag is 0")),
     _Candidate("motion", "integration", f"{_FORCES}:Integration", _always),
     _Candidate("output", "frame", f"{_OUTPUT}:FrameOutput", _always),

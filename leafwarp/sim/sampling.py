@@ -5,7 +5,9 @@ from __future__ import annotations
 import numpy as np
 
 
-def sampling_stencils(uv: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def sampling_stencils(
+    uv: np.ndarray, mask: np.ndarray, frame_size: tuple[float, float] = (1.0, 1.0)
+) -> tuple[np.ndarray, np.ndarray]:
     """Cells and weights of the mask-normalised bilinear sample at each point.
 
     A point whose four cells all lie off the leaf takes the nearest leaf cell.
@@ -13,6 +15,7 @@ def sampling_stencils(uv: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.
     Args:
         uv: Map coordinates, shape [point_count, 2]; cell centres lie at ((i + 1/2) / nx, (j + 1/2) / ny).
         mask: Leaf cells, shape [ny, nx].
+        frame_size: Width and height of the map [m], for the distance to the nearest leaf cell.
 
     Returns:
         Flat cell indices, int32, and weights with sum 1, float64, both of shape [point_count, 4]. The first cell
@@ -26,7 +29,7 @@ def sampling_stencils(uv: np.ndarray, mask: np.ndarray) -> tuple[np.ndarray, np.
     total = weights.sum(axis=1)
     off_leaf = np.flatnonzero(total == 0.0)
     if len(off_leaf):
-        cells[off_leaf, 0] = _nearest_leaf_cells(uv[off_leaf], mask)
+        cells[off_leaf, 0] = _nearest_leaf_cells(uv[off_leaf], mask, frame_size)
         weights[off_leaf, 0] = total[off_leaf] = 1.0
     weights /= total[:, None]
     cells = np.where(weights > 0.0, cells, cells[:, :1])
@@ -44,11 +47,13 @@ def _bilinear(uv: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.n
     return cells, weights
 
 
-def _nearest_leaf_cells(uv: np.ndarray, mask: np.ndarray) -> np.ndarray:
+def _nearest_leaf_cells(uv: np.ndarray, mask: np.ndarray, frame_size: tuple[float, float]) -> np.ndarray:
+    from scipy.spatial import KDTree
+
     height, width = mask.shape
     rows, columns = np.nonzero(mask)
-    centers = np.stack([(columns + 0.5) / width, (rows + 0.5) / height], axis=1)
-    nearest = [int(np.argmin(((centers - point) ** 2).sum(axis=1))) for point in uv]
+    centers = np.stack([(columns + 0.5) / width, (rows + 0.5) / height], axis=1) * frame_size
+    _, nearest = KDTree(centers).query(uv * frame_size)
     return rows[nearest] * width + columns[nearest]
 
 
