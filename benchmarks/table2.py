@@ -17,7 +17,7 @@ from pathlib import Path
 import warp as wp
 
 from benchmarks.results import describe_machine, write_section
-from leafwarp.run import prepare_scene_leaf
+from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.scene import Scene, load_scene
 from leafwarp.sim.launch import check_device
 from leafwarp.sim.simulation import Simulation

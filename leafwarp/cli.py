@@ -4,8 +4,11 @@ from __future__ import annotations
 
 import argparse
 import json
+import os
+import signal
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 
 from leafwarp.errors import InputError, LeafwarpError
@@ -91,6 +94,19 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
+@contextmanager
+def _arriving_signals() -> Iterator[list[int]]:
+    """Numbers of the signals that arrive, so that a frame under way is finished first."""
+    arrived: list[int] = []
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, lambda received, _: arrived.append(received)) for number in numbers]
+    try:
+        yield arrived
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
 def _run(arguments: argparse.Namespace) -> None:
     from leafwarp.run import output_paths, run_scene
     from leafwarp.scene import load_scene
@@ -100,14 +116,23 @@ def _run(arguments: argparse.Namespace) -> None:
     if last > scene.time.frames:
         raise InputError(f"--frames {first}:{last}: the scene has {scene.time.frames} frames (time.frames)")
     paths = output_paths(scene, arguments.output)
-    report = run_scene(
-        scene,
-        paths,
-        device=arguments.device,
-        frames=range(first, last + 1),
-        overwrite=arguments.overwrite,
-        progress_level=-1 if arguments.quiet else 0,
-    )
+    with _arriving_signals() as signals:
+        report = run_scene(
+            scene,
+            paths,
+            device=arguments.device,
+            frames=range(first, last + 1),
+            overwrite=arguments.overwrite,
+            progress_level=-1 if arguments.quiet else 0,
+            signals=signals,
+        )
+    settled = report["motion"]["settled"]
+    if settled is not None and not settled["settled"]:
+        print(
+            f"leafwarp: warning: the leaf still swung by {100 * settled['swing']:.2f} % of its length after "
+            f"{settled['substeps']} substeps of settling",
+            file=sys.stderr,
+        )
     if arguments.verbose:
         split = ", ".join(f"{name} {ms:.1f}" for name, ms in report["milliseconds_per_frame"].items())
         print(f"{report['seconds']['total']:.1f} s in all; milliseconds a frame: {split}", file=sys.stderr)
@@ -161,10 +186,17 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return int(leaving.code or 0)
     try:
         parsed.action(parsed)
+        sys.stdout.flush()
     except LeafwarpError as error:
         print(f"leafwarp: {error}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         print("leafwarp: stopped", file=sys.stderr)
         return 130
+    except OSError as error:
+        # A closed pipe is no news to the one who closed it; anything else is.
+        if not isinstance(error, BrokenPipeError):
+            print(f"leafwarp: {error.filename or 'stdout'}: {error.strerror}", file=sys.stderr)
+        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - so that the flush at exit has somewhere to go
+        return 1
     return 0

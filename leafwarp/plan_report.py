@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from leafwarp.run import prepare_scene_leaf
+from leafwarp.prepare import prepare_scene_leaf
+from leafwarp.report import mesh_report
 from leafwarp.scene import Scene
 
 
@@ -22,7 +23,7 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
     simulation = Simulation(scene, leaf, check_device(device))
     substeps = simulation.motion.required_substeps(1.0 / scene.time.fps)
     intervals = max(scene.time.frames - 1, 1)
-    fluid_steps = simulation.fluid.steps.count if simulation.fluid is not None else 0
+    fluid_steps = simulation.fluid.steps.count if simulation.fluid is not None and scene.time.frames > 1 else 0
     runs = {
         "start": 0.0,
         "fluid step": fluid_steps / intervals,
@@ -30,17 +31,12 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
         "substep": float(substeps),
         "output": 1.0,
     }
-    plan, mesh = simulation.plan, leaf.mesh
+    plan = simulation.plan
     return {
         "scene": scene.name,
         "device": simulation.state.device.alias,
         "precision": scene.solver.precision,
-        "mesh": {
-            "vertices": mesh.vertex_count,
-            "triangles": mesh.triangle_count,
-            "edge_springs": mesh.edge_count,
-            "angular_springs": mesh.hinge_count if scene.has_angular_springs else 0,
-        },
+        "mesh": mesh_report(simulation),
         "map": list(scene.maps.shape) if scene.map_names else None,
         "fluid_steps": fluid_steps,
         "substeps_per_frame": substeps,

@@ -36,9 +36,16 @@ class Progress:
         if self._bar is not None:
             self._bar.update()
             return
+        self._print_line(frame, seconds)
+
+    def _print_line(self, frame: int, seconds: float) -> None:
         left = (self._total - self._done) * (time.perf_counter() - self._begin) / self._done
         share = 100 * self._done // self._total
-        print(f"frame {frame}/{self._total} {share}% {seconds:.2f} s eta {left:.0f} s", file=self._stream, flush=True)
+        line = f"frame {frame}/{self._total} {share}% {seconds:.2f} s eta {left:.0f} s"
+        try:
+            print(line, file=self._stream, flush=True)
+        except (OSError, ValueError):
+            self._quiet = True  # nobody reads any more; that is no reason to stop a run
 
     def close(self) -> None:
         """End the bar."""

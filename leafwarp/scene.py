@@ -7,6 +7,7 @@ is compiled, no array allocated and nothing launched for it (see :mod:`leafwarp.
 from __future__ import annotations
 
 import difflib
+import re
 import tomllib
 from collections.abc import Mapping, Sequence
 from itertools import pairwise
@@ -24,8 +25,11 @@ Rate = quantity("rate")
 Diffusivity = quantity("diffusivity")
 Integer = Annotated[int, Strict()]
 Switch = Annotated[bool, Strict()]
-Share = Annotated[float, Field(ge=0.0, le=1.0)]
-Vector = tuple[float, float, float]
+Number = Annotated[float, Strict()]
+Share = Annotated[Number, Field(ge=0.0, le=1.0)]
+# Far beyond any leaf, and well within single precision.
+Component = Annotated[Number, Field(ge=-1e9, le=1e9)]
+Vector = tuple[Component, Component, Component]
 
 
 def _sorted_curve(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
@@ -39,7 +43,7 @@ def _sorted_curve(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float,
 
 
 # Piecewise linear in the relative water content y, constant beyond its ends.
-Curve = Annotated[tuple[tuple[float, float], ...], Field(min_length=1, max_length=64), AfterValidator(_sorted_curve)]
+Curve = Annotated[tuple[tuple[Number, Number], ...], Field(min_length=1, max_length=64), AfterValidator(_sorted_curve)]
 
 
 def _varies(curve: tuple[tuple[float, float], ...]) -> bool:
@@ -65,14 +69,16 @@ class LeafTable(_Table):
 
     image: Path = Field(description="Photo of the leaf (PNG, JPEG, TIFF, WebP), relative to the scene file.")
     mask: Path | None = Field(None, description="Image that is bright on the leaf; replaces the segmentation.")
-    base: tuple[float, float] | None = Field(
+    base: tuple[Component, Component] | None = Field(
         None, description="Petiole base [pixel of the photo, x right, y down]; replaces the detection."
     )
-    length: Annotated[Length, Field(gt=0.0)] | None = Field(
+    length: Annotated[Length, Field(ge=1e-4, le=100.0)] | None = Field(
         None, description="Distance from the petiole base to the farthest point of the leaf [m]."
     )
-    pixels_per_metre: float | None = Field(None, gt=0.0, description="Scale of the photo [pixel/m]; instead of length.")
-    camber: float = Field(
+    pixels_per_metre: Number | None = Field(
+        None, ge=1.0, le=1e8, description="Scale of the photo [pixel/m]; instead of length."
+    )
+    camber: Number = Field(
         0.01,
         ge=0.0,
         le=0.5,
@@ -91,7 +97,7 @@ class LeafTable(_Table):
 class MeshTable(_Table):
     """The triangle mesh."""
 
-    vertices: Integer = Field(1707, ge=16, le=200_000, description="Number of vertices aimed at.")
+    vertices: Integer = Field(1707, ge=30, le=200_000, description="Number of vertices aimed at.")
 
 
 class MapsTable(_Table):
@@ -123,9 +129,11 @@ class MapsTable(_Table):
 class TimeTable(_Table):
     """Two clocks: plant time, which the water sees, and playback time, which gravity and inertia see."""
 
-    duration: Annotated[Time, Field(gt=0.0)] = Field(description="Plant time from the first frame to the last [s].")
+    duration: Annotated[Time, Field(gt=0.0, le=1e12)] = Field(
+        description="Plant time from the first frame to the last [s]."
+    )
     frames: Integer = Field(240, ge=1, le=1_000_000, description="Number of frames.")
-    fps: float = Field(24.0, gt=0.0, le=1000.0, description="Frames a second of playback.")
+    fps: Number = Field(24.0, ge=0.01, le=1000.0, description="Frames a second of playback.")
 
 
 class FluidTable(_Table):
@@ -143,7 +151,7 @@ class FluidTable(_Table):
     vein_diffusivity: Annotated[Diffusivity, Field(ge=0.0)] = Field(
         1e-7, description="Diffusivity of water along a vein of capacity 1 [m^2/s] (artistic)."
     )
-    tolerance: float = Field(
+    tolerance: Number = Field(
         1e-5, gt=0.0, lt=1.0, description="Relative residual at which the unsplit scheme stops (float64: its square)."
     )
 
@@ -188,7 +196,9 @@ class SourceTable(_Table):
     conductance: Annotated[Rate, Field(ge=0.0)] = Field(
         description="Share of the saturated leaf's water that enters a second for a difference of 1 [1/s]."
     )
-    supply: Share = Field(1.0, description="Relative water content of the supply.")
+    supply: Share = Field(
+        1.0, description="Relative water content of the supply; a leaf wetter than it gives water back."
+    )
     cut_at: Annotated[Time, Field(ge=0.0)] | None = Field(
         None, description="Plant time at which the leaf is severed and the source ends [s]."
     )
@@ -210,17 +220,17 @@ class CurlTable(_Table):
         description="Points [relative water content, strain between the two sides]; positive bends toward the "
         "photographed side."
     )
-    thickness: Annotated[Length, Field(gt=0.0)] = Field(2.5e-4, description="Thickness of the lamina [m].")
+    thickness: Annotated[Length, Field(ge=1e-7, le=1.0)] = Field(2.5e-4, description="Thickness of the lamina [m].")
     vein_resistance: Share = Field(0.0, description="Share of the curling that a vein of capacity 1 resists.")
 
 
 class StructureTable(_Table):
     """The mass-spring mesh (paper, Sec. III-B)."""
 
-    membrane_stiffness: Annotated[quantity("membrane stiffness"), Field(ge=0.0)] = Field(
+    membrane_stiffness: Annotated[quantity("membrane stiffness"), Field(ge=0.0, le=1e12)] = Field(
         description="Young's modulus times thickness [N/m]. Explicit motion wants a soft membrane: 2 to 20."
     )
-    bending_stiffness: Annotated[quantity("bending stiffness"), Field(ge=0.0)] | None = Field(
+    bending_stiffness: Annotated[quantity("bending stiffness"), Field(ge=0.0, le=1e9)] | None = Field(
         None, description="Bending stiffness of the lamina [N m]; left out: no angular springs."
     )
     bending: Literal["gradient", "paper"] = Field(
@@ -228,19 +238,19 @@ class StructureTable(_Table):
         description="Force of the angular springs: the gradient of their energy, which conserves momentum, or the "
         "paper's push on two vertices, which does not.",
     )
-    vein_stiffness: float = Field(
+    vein_stiffness: Number = Field(
         1.0, ge=0.0, le=1e6, description="Stiffness of a vein of capacity 1 over the lamina's."
     )
     stiffness: Annotated[Curve, _within(0.0, 1e6, "a stiffness factor of")] = Field(
         ((0.0, 1.0),), description="Points [relative water content, factor on every stiffness]."
     )
-    dry_mass: Annotated[quantity("mass per area"), Field(gt=0.0)] = Field(
+    dry_mass: Annotated[quantity("mass per area"), Field(ge=1e-6, le=1e6)] = Field(
         0.05, description="Mass of the dry leaf [kg/m^2]."
     )
-    water_mass: Annotated[quantity("mass per area"), Field(ge=0.0)] = Field(
+    water_mass: Annotated[quantity("mass per area"), Field(ge=0.0, le=1e6)] = Field(
         0.25, description="Mass of the water of the saturated leaf [kg/m^2]."
     )
-    damping: float = Field(
+    damping: Number = Field(
         0.05, ge=0.0, le=1.0, description="Damping ratio of the mesh's fastest oscillation, along springs and hinges."
     )
 
@@ -249,7 +259,7 @@ class MotionTable(_Table):
     """What moves the leaf, and where it is held."""
 
     gravity: Vector | None = Field(None, description="Acceleration of gravity [m/s^2], z up; left out: none.")
-    drag: float = Field(2.0, ge=0.0, le=1e6, description="Rate at which still air takes up the leaf's speed [1/s].")
+    drag: Number = Field(2.0, ge=0.0, le=1e6, description="Rate at which still air takes up the leaf's speed [1/s].")
     wind: Vector | None = Field(
         None, description="Speed of the air [m/s], which drags the leaf along; left out: still air."
     )
@@ -308,7 +318,7 @@ class Scene(_Table):
                     raise ValueError(f"[{table}] needs [fluid]: with [water] the water is prescribed")
         if self.curl is not None and not self.has_angular_springs:
             raise ValueError("[curl] needs structure.bending_stiffness: without angular springs nothing can curl")
-        if "bending" in self.structure.model_fields_set and not self.has_angular_springs:
+        if "bending" in self.structure.model_fields_set and self.structure.bending_stiffness is None:
             raise ValueError(
                 "structure.bending needs structure.bending_stiffness: there are no angular springs without"
             )
@@ -426,6 +436,9 @@ _PLAIN_WORDS = {
     "tuple_type": "a list is wanted",
     "path_type": "a file's path is wanted",
     "string_type": "a string is wanted",
+    "float_type": "a number is wanted",
+    "int_type": "a whole number is wanted",
+    "string_pattern_mismatch": "accepted: letters, digits, '_', '.' and '-'",
 }
 
 
@@ -510,5 +523,5 @@ def load_scene(path: Path, changes: Sequence[str] = ()) -> Scene:
         except tomllib.TOMLDecodeError:
             value = text.strip()
         _put(data, key.strip(), value)
-    data.setdefault("name", path.stem)
+    data.setdefault("name", re.sub(r"[^A-Za-z0-9_.-]+", "_", path.stem))
     return parse_scene(data, str(path), path.parent)

@@ -8,7 +8,8 @@ import tomllib
 from pathlib import Path
 
 from leafwarp.errors import InputError
-from leafwarp.run import prepare_scene_leaf, write_text
+from leafwarp.files import write_text
+from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.scene import parse_scene
 
 TEMPLATE = """\
@@ -32,35 +33,38 @@ frames = 120                 # ... shown in so many frames
 fps = 24
 
 [fluid]                      # water flows along the veins and seeps between them
-step = "60 s"                # shorter is more accurate and slower
-lamina_diffusivity = 1e-9    # m^2/s
-vein_diffusivity = 1e-7      # m^2/s
+step = "30 s"                # shorter is more accurate and slower: python -m leafwarp tradeoff measures it
+lamina_diffusivity = 5e-10   # m^2/s
+vein_diffusivity = 1.5e-5    # m^2/s
 
 [transpiration]
-rate = "0.06 1/h"            # share of the saturated leaf's water lost an hour
+rate = "0.055 1/h"           # share of the saturated leaf's water lost an hour
+cuticle_rate = "0.01 1/h"
 
-[source]                     # water from the twig, until the leaf is picked
-conductance = "0.2 1/h"
-cut_at = "2 h"
+[source]                     # water from the twig ...
+conductance = "20 1/h"
+cut_at = "12 h"              # ... until the leaf is picked
 
 [shrink]
-curve = [[1.0, 0.0], [0.3, 0.18]]     # [water, share of the length lost]
+curve = [[1.0, 0.0], [0.1, 0.2]]      # [water, share of the length lost]
 vein_resistance = 0.5
 
 [curl]                                # positive: toward the photographed side
-mismatch = [[1.0, 0.0], [0.2, 0.006]] # [water, strain between the two sides]
+mismatch = [[1.0, 0.0], [0.1, 0.008]] # [water, strain between the two sides]
 thickness = "0.25 mm"
-vein_resistance = 0.3
+vein_resistance = 0.5
 
 [structure]
-membrane_stiffness = 6.0     # N/m, soft: explicit motion
-bending_stiffness = 4e-6     # N m
-vein_stiffness = 4.0         # a vein over the lamina
-stiffness = [[1.0, 1.0], [0.85, 0.6], [0.3, 1.2]]  # wilting softens, drying stiffens
+membrane_stiffness = 2.0     # N/m, soft: explicit motion
+bending_stiffness = 5e-7     # N m
+vein_stiffness = 3.0         # a vein over the lamina
+stiffness = [[1.0, 1.0], [0.85, 0.7], [0.2, 1.1]]  # wilting softens, drying stiffens
+dry_mass = 0.15              # kg/m^2
+water_mass = 0.20            # kg/m^2
 
 [motion]
-# gravity = [0.0, 0.0, -0.1] # m/s^2, z up; scaled down with the soft bending stiffness
-drag = 4.0
+# gravity = [0.0, 0.0, -0.01] # m/s^2, z up; scaled down with the soft bending stiffness
+drag = 4.0                   # 1/s
 
 [output]
 contact_sheet = true

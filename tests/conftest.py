@@ -98,7 +98,7 @@ SCENES = Path(__file__).parent.parent / "scenes"
 @pytest.fixture(scope="session")
 def scene_leaf(tmp_path_factory: pytest.TempPathFactory):
     """The prepared leaf of a scene, prepared once a session."""
-    from leafwarp.run import prepare_scene_leaf
+    from leafwarp.prepare import prepare_scene_leaf
 
     cache = tmp_path_factory.mktemp("leaves")
     return lambda scene: prepare_scene_leaf(scene, cache)

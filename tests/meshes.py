@@ -92,8 +92,7 @@ def strip(length: float = 0.1, width: float = 0.02, columns: int = 20, jitter: f
 
 
 def scene_of(structure: dict | None = None, motion: dict | None = None, **tables) -> Scene:
-    """A scene with prescribed, constant water (unless ``fluid`` is given); the tables add to or replace plain
-    ones."""
+    """A scene with prescribed, constant water (unless ``fluid`` is given); the tables add to or replace plain ones."""
     data = {
         "leaf": {"image": "leaf.png", "length": 0.1, "camber": 0.0},
         "time": {"duration": 1.0},

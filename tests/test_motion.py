@@ -237,7 +237,7 @@ def test_launches_inside_graphs_are_counted(device, precision):
         before = rig.state.launch_count
         counts.append(motion.advance(FRAME, frame))
         assert counts[-1] > BLOCK // 8
-        assert rig.state.launch_count - before == counts[-1] * each + guard.launches
+        assert rig.state.launch_count - before == counts[-1] * each + guard.launches, (each, guard.launches)
     assert motion.substeps == sum(counts) and motion.largest_substeps == max(counts)
 
 
@@ -285,6 +285,20 @@ def test_a_vertex_that_is_thrown_is_an_error(device, precision):
     rig.put(velocity=np.full((3, 3), 100.0))
     with pytest.raises(SimulationError, match=r"a vertex moved 7.22 m, on a leaf of 0.01 m"):
         motion.advance(FRAME, 1)
+
+
+def test_bending_that_tears_the_membrane_is_refused(device, precision):
+    """Rest angles of a dome that only a membrane stretched many times over could take."""
+    scene = scene_of({"membrane_stiffness": 0.5, "bending_stiffness": 1e-3}, {"drag": 2.0})
+    rig = rig_of(scene, strip(0.1, 0.08, columns=10, jitter=0.2), device, precision)
+    rig.put(hinge_rest_angle=np.full(rig.leaf.mesh.hinge_count, 1.2))
+    motion = rig.motion()
+    with pytest.raises(SimulationError, match=r"stretched to .* times its rest length .*raise structure.membrane"):
+        for frame in range(1, 60):
+            motion.advance(FRAME, frame)
+    ends = rig.get("position")[rig.leaf.mesh.edges]
+    stretch = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1) / rig.get("edge_rest_length")
+    assert stretch.max() < 3.1  # no frame that was let through shows it
 
 
 def test_too_many_substeps_are_refused_with_a_remedy(device, precision):

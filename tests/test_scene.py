@@ -57,7 +57,11 @@ def test_every_unit_converts_by_its_factor(dimension: str) -> None:
     [
         ("fluid.stp=3", ["fluid.stp", "unknown key", "did you mean 'step'"]),
         ("flui.step=3", ["flui", "did you mean 'fluid'"]),
-        ("time.frames=2.5", ["time.frames = 2.5", "integer"]),
+        ("time.frames=2.5", ["time.frames = 2.5", "a whole number is wanted"]),
+        ("time.fps=true", ["time.fps = True", "a number is wanted"]),
+        ("leaf.length=1e-300", ["leaf.length = 1e-300", "greater than or equal to 0.0001"]),
+        ("structure.membrane_stiffness=1e39", ["structure.membrane_stiffness", "less than or equal to"]),
+        ("mesh.vertices=16", ["mesh.vertices = 16", "greater than or equal to 30"]),
         ("time.frames=-3", ["time.frames = -3", "greater than or equal to 1"]),
         ("fluid.step='3 kg'", ["fluid.step = '3 kg'", "one of s, min, h, d"]),
         ("fluid.step=nan", ["fluid.step = nan", "finite"]),
@@ -74,7 +78,10 @@ def test_every_unit_converts_by_its_factor(dimension: str) -> None:
         ("water.curve=[[0,1]]", ["either [fluid]", "or [water]"]),
         ("fluid.scheme='both'", ["fluid.scheme = 'both'", "'split' or 'unsplit'"]),
         ("output.contact_sheet='yes'", ["output.contact_sheet = 'yes'", "boolean"]),
-        ("motion.settle=true", ["motion.settle needs motion.gravity"]),
+        ("motion.settle=true", ["motion.settle needs motion.gravity or motion.wind"]),
+        ("motion={wind = [1.0, 0.0, 0.0], drag = 0.0}", ["motion.wind needs motion.drag"]),
+        ("structure.bending='paper'", ["structure.bending needs structure.bending_stiffness"]),
+        ("maps.stomata='stomata.png'", ["maps.stomata is given, but nothing in this scene depends on that map"]),
         ("fluid=3", ["fluid = 3"]),
         ("fluid.step.more=3", ["fluid.step.more"]),
         ("nothing", ["--set nothing", "key=value"]),
@@ -119,6 +126,19 @@ def test_changes_leave_the_original_alone(small: Path) -> None:
     other = scene.with_changes({"fluid.step": 5.0, "maps.size": 64})
     assert (other.fluid.step, other.maps.shape) == (5.0, (64, 64))
     assert (scene.fluid.step, scene.maps.shape) == (60.0, (256, 256))
+
+
+@pytest.mark.parametrize(
+    ("change", "asked"),
+    [
+        ("motion.gravity=[0.0, 0.0, 0.0]", "has_weight"),
+        ("structure.bending_stiffness=0.0", "has_angular_springs"),
+        ("shrink.curve=[[1.0, 0.1]]", "shrinks"),
+        ("structure.stiffness=[[0.0, 2.0], [1.0, 2.0]]", "stiffness_varies"),
+    ],
+)
+def test_what_has_no_effect_is_not_asked_for(small: Path, change: str, asked: str) -> None:
+    assert not getattr(load_scene(small, [change]), asked)
 
 
 def test_only_required_maps_are_asked_for(small: Path) -> None:

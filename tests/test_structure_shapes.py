@@ -75,7 +75,8 @@ def test_any_stiffness_is_computed_or_refused(device, precision, bending, factor
     )
     rig = rig_of(scene, strip(columns=6, jitter=0.2), device, precision)
     rig.put(position=crumpled(rig.leaf, 0.1))
-    assert finite_or_refused(rig) == (factor < 1e6)
+    # Springs too soft to hold the leaf's own weight let it be torn out, which is refused, too.
+    assert finite_or_refused(rig) == (1e-3 < factor < 1e6)
 
 
 @pytest.mark.parametrize("height", [1e-1, 1e-3, 1e-6, 1e-9])

@@ -30,7 +30,6 @@ def add_air_drag(
     # in and out:
     force: wp.array[Any],
 ):
-    """Add ``-drag m (v - wind)``: the air takes up a leaf's speed at the rate ``drag`` [1/s], whatever its
-    mass."""
+    """Add ``-drag m (v - wind)``: the air takes up a leaf's speed at the rate ``drag`` [1/s], whatever its mass."""
     vertex = wp.tid()
     force[vertex] = force[vertex] - (drag * mass[vertex]) * (velocity[vertex] - wind)

@@ -36,8 +36,7 @@ def hinge_torque(
     # outputs:
     hinge_torque_out: wp.array[Any],
 ):
-    """Torque of each hinge's four forces about its first vertex; about any point where the forces sum to
-    zero."""
+    """Torque of each hinge's four forces about its first vertex; about any point where the forces sum to zero."""
     hinge = wp.tid()
     origin = position[hinge_vertices[hinge, 0]]
     torque = hinge_torque_out.dtype()

@@ -115,8 +115,7 @@ def hinge_bounds(
     hinge_row_out: wp.array[Any],
     hinge_tension_out: wp.array[wp.Float],
 ):
-    """What each hinge adds at its four vertices: a vector whose outer square goes to ``S_i``, and a
-    scalar."""
+    """What each hinge adds at its four vertices: a vector whose outer square goes to ``S_i``, and a scalar."""
     hinge = wp.tid()
     a = position[hinge_vertices[hinge, 0]]
     b = position[hinge_vertices[hinge, 1]]
@@ -199,10 +198,27 @@ def travel(
     # outputs:
     travel_out: wp.array[wp.Float],
 ):
-    """How far each vertex has gone since it was saved [m]; not finite where its position or velocity is
-    not."""
+    """How far each vertex has gone since it was saved [m]; not finite where its position or velocity is not."""
     vertex = wp.tid()
     distance = wp.length(position[vertex] - saved_position[vertex])
     if not wp.isfinite(wp.length(velocity[vertex])):
         distance = travel_out.dtype(wp.inf)
     travel_out[vertex] = distance
+
+
+@wp.kernel
+def edge_stretch(
+    # inputs:
+    position: wp.array[Any],
+    edge_vertices: wp.array2d[wp.int32],
+    edge_rest_length: wp.array[wp.Float],
+    # outputs:
+    stretch_out: wp.array[wp.Float],
+):
+    """Length of each edge over its rest length; 0 for an edge whose rest length is 0."""
+    edge = wp.tid()
+    rest_length = edge_rest_length[edge]
+    stretch = stretch_out.dtype(0.0)
+    if rest_length > stretch:
+        stretch = wp.length(position[edge_vertices[edge, 1]] - position[edge_vertices[edge, 0]]) / rest_length
+    stretch_out[edge] = stretch

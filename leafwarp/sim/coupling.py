@@ -75,7 +75,6 @@ class Stencils(Stage):
                 ArraySpec(f"{p}_stencil_weights", (_point_count(leaf, p), 4), "real", "their weights, with sum 1"),
             )
         )
-        self.writes = tuple(spec.name for spec in self.arrays)
 
     def bind(self, state: State) -> None:
         for points in self.points:
@@ -93,9 +92,6 @@ class _Sampling(Stage):
     def __init__(self, scene: Scene, leaf: Leaf, points: tuple[str, ...]):
         super().__init__(scene, leaf)
         self.points = points
-        self.kernels = (sample_map,) * len(points)
-        self.reads = (self.map_name, *(f"{p}_stencil_{part}" for p in points for part in ("cells", "weights")))
-        self.writes = tuple(f"{p}_{self.quantity}" for p in points)
         self.arrays = _sample_specs(leaf, points, self.quantity)
 
     def bind(self, state: State) -> None:
@@ -130,8 +126,6 @@ class SampleVenation(_Sampling):
         super().__init__(scene, leaf, veined_points(scene))
         spec = ArraySpec("venation", leaf.mask.shape, "real", "flow capacity, smoothed to the edge length")
         self.arrays = (spec, *self.arrays)
-        self.writes = ("venation", *self.writes)
-        self.reads = self.reads[1:]
 
     def bind(self, state: State) -> None:
         ends = self.leaf.mesh.positions[self.leaf.mesh.edges]
@@ -166,7 +160,7 @@ class PrescribedWater(Stage):
         super().__init__(scene, leaf)
         self.points = watered_points(scene)
         self.arrays = _sample_specs(leaf, self.points, "water")
-        self.writes = tuple(spec.name for spec in self.arrays)
+        self.host_writes = tuple(spec.name for spec in self.arrays)
 
     def content(self, plant_time: float) -> float:
         """The prescribed relative water content at a plant time [s]."""
@@ -174,7 +168,7 @@ class PrescribedWater(Stage):
         return float(np.interp(plant_time, times, contents))
 
     def bind(self, state: State) -> None:
-        self._samples = [state[name] for name in self.writes]
+        self._samples = [state[name] for name in self.host_writes]
         self.run(Interval(0.0, 0.0))
 
     def run(self, interval: Interval | None = None) -> None:
@@ -188,13 +182,10 @@ class _Response(Stage):
     rate = "frame"
     parameter: ClassVar[str]
     points: ClassVar[str]
-    kernels = (respond_to_change,)
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
         count, name = _point_count(leaf, self.points), self.parameter
-        self.reads = (f"{self.points}_water",)
-        self.writes = (name,)
         self.arrays = (
             *_curve_specs(name, self.curve()),
             ArraySpec(f"{name}_gain", (count,), "real", f"change of {name} for a change of 1 of its response"),
@@ -303,12 +294,8 @@ class Stiffness(Stage):
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
         self.springs = ("edge", "hinge") if scene.has_angular_springs else ("edge",)
-        self.reads = tuple(f"{p}_venation" for p in veined_points(scene)) if scene.structure.vein_stiffness != 1 else ()
-        self.writes = tuple(f"{s}_stiffness" for s in self.springs)
         self.rate = "frame" if scene.stiffness_varies else "start"
         if scene.stiffness_varies:
-            self.kernels = (respond_in_proportion,) * len(self.springs)
-            self.reads += tuple(f"{s}_water" for s in self.springs)
             self.arrays = (
                 *_curve_specs("stiffness", scene.structure.stiffness),
                 *(
@@ -322,11 +309,11 @@ class Stiffness(Stage):
         lamina = {"edge": material.edge_stiffness(mesh, structure.membrane_stiffness)}
         if "hinge" in self.springs:
             lamina["hinge"] = material.hinge_stiffness(mesh, structure.bending_stiffness)
-        curve = _upload_curve(state, "stiffness", structure.stiffness) if self.kernels else ()
+        curve = _upload_curve(state, "stiffness", structure.stiffness) if self.scene.stiffness_varies else ()
         for s in self.springs:
             venation = _venation(state, s) if structure.vein_stiffness != 1.0 else 0.0
             gain = lamina[s] * (1.0 + (structure.vein_stiffness - 1.0) * venation)
-            if not self.kernels:
+            if not curve:
                 state.upload(f"{s}_stiffness", gain * structure.stiffness[0][1])
                 continue
             state.upload(f"{s}_stiffness_gain", gain)

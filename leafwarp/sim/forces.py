@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import ClassVar
+
 import numpy as np
+import warp as wp
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
@@ -26,9 +29,6 @@ class EdgeSprings(Stage):
     name = "edge_springs"
     purpose = "pull of the edges toward their rest lengths (Eq. 3)"
     rate = "substep"
-    kernels = (edge_springs.edge_spring_forces,)
-    reads = ("position", "velocity")
-    writes = ("force",)
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
@@ -77,8 +77,7 @@ class _Hinges(Stage):
     """What the two kinds of bending share: the hinges, the forces on their vertices, and the sum of these."""
 
     rate = "substep"
-    reads = ("position", "velocity", "force", "damping_time")
-    writes = ("force", "hinge_angle")
+    kernel: ClassVar[wp.Kernel]
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
@@ -103,11 +102,9 @@ class _Hinges(Stage):
         state.upload("hinge_vertices", mesh.hinges)
         state.upload("vertex_hinge_start", start)
         state.upload("vertex_hinge_slots", places)
-        if not self.kernels:
-            return
         self.commands = [
             state.record(
-                self.kernels[0],
+                self.kernel,
                 mesh.hinge_count,
                 inputs=[
                     "position",
@@ -138,7 +135,7 @@ class AngularSprings(_Hinges):
 
     name = "angular_springs"
     purpose = "bending of the hinges toward their rest angles (Alg. 1 and 2, energy gradient)"
-    kernels = (angular_springs.angular_spring_forces, hinge_gather.gather_hinge_forces)
+    kernel = angular_springs.angular_spring_forces
 
 
 class PaperBending(_Hinges):
@@ -146,7 +143,7 @@ class PaperBending(_Hinges):
 
     name = "paper_bending"
     purpose = "the paper's push on the two opposite vertices (Eq. 4), with the edge's reaction"
-    kernels = (paper_bending.paper_bending_forces, hinge_gather.gather_hinge_forces)
+    kernel = paper_bending.paper_bending_forces
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
@@ -161,8 +158,6 @@ class PaperBending(_Hinges):
         state.upload("hinge_arm", 1.5 * material.hinge_span(self.leaf.mesh))
         super().bind(state)
         self._state = state
-        if not self.kernels:
-            return
         self._diagnosis = state.record(
             hinge_gather.hinge_torque,
             self.leaf.mesh.hinge_count,
@@ -174,10 +169,8 @@ class PaperBending(_Hinges):
         return ("hinge_arm",)
 
     def net_torque(self) -> np.ndarray:
-        """Torque that the last forces leave unbalanced: the leaf's angular momentum changes by it a second [N
-        m]."""
-        if self.kernels:
-            self._diagnosis.run()
+        """Torque that the last forces leave unbalanced: the leaf's angular momentum changes by it a second [N m]."""
+        self._diagnosis.run()
         return self._state["hinge_torque"].numpy().astype(np.float64).sum(axis=0)
 
 
@@ -187,14 +180,13 @@ class Gravity(Stage):
     name = "gravity"
     purpose = "weight of the vertices"
     rate = "substep"
-    kernels = (external_forces.add_gravity,)
-    reads = ("mass", "force")
-    writes = ("force",)
 
     def bind(self, state: State) -> None:
         gravity = state.vector(*self.scene.motion.gravity)
         self.commands = [
-            state.record(self.kernels[0], self.leaf.mesh.vertex_count, inputs=["mass", gravity], outputs=["force"])
+            state.record(
+                external_forces.add_gravity, self.leaf.mesh.vertex_count, inputs=["mass", gravity], outputs=["force"]
+            )
         ]
 
 
@@ -204,16 +196,13 @@ class Air(Stage):
     name = "air"
     purpose = "drag toward the speed of the air"
     rate = "substep"
-    kernels = (external_forces.add_air_drag,)
-    reads = ("velocity", "mass", "force")
-    writes = ("force",)
 
     def bind(self, state: State) -> None:
         wind = state.vector(*(self.scene.motion.wind or (0.0, 0.0, 0.0)))
         drag = state.real(self.scene.motion.drag)
         self.commands = [
             state.record(
-                self.kernels[0],
+                external_forces.add_air_drag,
                 self.leaf.mesh.vertex_count,
                 inputs=["velocity", "mass", wind, drag],
                 outputs=["force"],
@@ -227,9 +216,6 @@ class Integration(Stage):
     name = "integration"
     purpose = "speed and position of the vertices (symplectic Euler)"
     rate = "substep"
-    kernels = (integration.integrate,)
-    reads = ("force",)
-    writes = ("position", "velocity")
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
@@ -252,7 +238,7 @@ class Integration(Stage):
         state.upload("pinned", material.pinned_vertices(self.leaf, self.scene.motion))
         self.commands = [
             state.record(
-                self.kernels[0],
+                integration.integrate,
                 self.leaf.mesh.vertex_count,
                 inputs=["force", "mass", "pinned", "time_step"],
                 outputs=["position", "velocity"],

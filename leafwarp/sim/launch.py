@@ -97,6 +97,7 @@ class State:
         self.real = REAL[precision]
         self.vector = VECTOR[precision]
         self.launch_count = 0
+        self.recorded: list[Command] = []
         self._arrays: dict[str, wp.array] = {}
         self._component: dict[str, np.dtype] = {}
         for spec in specs:
@@ -132,20 +133,41 @@ class State:
 
         Arguments may be names of arrays of this state.
         """
-        resolve = [self._arrays[a] if isinstance(a, str) else a for a in (*inputs, *outputs)]
+        resolved = [self._arrays[a] if isinstance(a, str) else a for a in (*inputs, *outputs)]
         launch = wp.launch(
-            specialise(kernel, self.precision), dim=dim, inputs=resolve, device=self.device, record_cmd=True
+            specialise(kernel, self.precision), dim=dim, inputs=resolved, device=self.device, record_cmd=True
         )
-        return Command(self, launch, kernel.key)
+        names = [self._name_of(argument) for argument in resolved]
+        reads = tuple(name for name in names[: len(inputs)] if name is not None)
+        writes = tuple(name for name in names[len(inputs) :] if name is not None)
+        command = Command(self, launch, f"{kernel.module.name}.{kernel.key}", reads, writes)
+        self.recorded.append(command)
+        return command
+
+    def _name_of(self, argument: Any) -> str | None:
+        """Name of the array that an argument is, or is a view of."""
+        if not isinstance(argument, wp.array):
+            return None
+        return next((name for name, array in self._arrays.items() if array.ptr == argument.ptr), None)
 
 
 @dataclass
 class Command:
-    """A recorded launch, counted in its state when it runs."""
+    """A recorded launch, counted in its state when it runs.
+
+    Attributes:
+        state: The state.
+        launch: The launch.
+        kernel_name: Module and name of the kernel.
+        reads: Names of the arrays among its inputs.
+        writes: Names of the arrays among its outputs.
+    """
 
     state: State
     launch: wp.Launch
     kernel_name: str
+    reads: tuple[str, ...]
+    writes: tuple[str, ...]
 
     def run(self) -> None:
         self.launch.launch()

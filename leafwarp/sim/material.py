@@ -5,6 +5,7 @@ from __future__ import annotations
 
 import numpy as np
 
+from leafwarp.errors import InputError
 from leafwarp.leaf.leaf import Leaf, LeafMesh
 from leafwarp.scene import MotionTable, Scene
 
@@ -86,8 +87,7 @@ def cambered_positions(leaf: Leaf, camber: float, seed: int) -> np.ndarray:
 
 
 def rest_positions(scene: Scene, leaf: Leaf) -> np.ndarray:
-    """The unstressed shape that a scene asks for, the photo's with its camber [m], shape [vertex_count,
-    3]."""
+    """The unstressed shape that a scene asks for, the photo's with its camber [m], shape [vertex_count, 3]."""
     return cambered_positions(leaf, scene.leaf.camber, scene.leaf.seed)
 
 
@@ -117,6 +117,9 @@ def pinned_vertices(leaf: Leaf, motion: MotionTable) -> np.ndarray:
 
     Those within ``pin_radius`` of the petiole base, the nearest one at least. With ``clamp`` also every
     vertex of a triangle that touches them, so that the direction is held, too.
+
+    Raises:
+        InputError: The whole leaf would be held.
     """
     distance = np.hypot(*leaf.mesh.positions.T)
     radius = PIN_RADIUS * leaf.length if motion.pin_radius is None else motion.pin_radius
@@ -125,6 +128,11 @@ def pinned_vertices(leaf: Leaf, motion: MotionTable) -> np.ndarray:
     if motion.clamp:
         first_row = leaf.mesh.triangles[pinned[leaf.mesh.triangles].any(axis=1)]
         pinned[first_row.ravel()] = True
+    if pinned.all():
+        raise InputError(
+            f"motion.pin_radius = {radius:g} m holds every vertex of the leaf; accepted: less than its length, "
+            f"{leaf.length:g} m"
+        )
     return pinned
 
 

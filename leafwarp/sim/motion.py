@@ -25,6 +25,14 @@ BLOCK = 32
 # A leaf swings about its base within twice its length. A vertex that goes further than this many lengths in
 # one frame has been thrown.
 FARTHEST_TRAVEL = 4.0
+# A membrane that bending or a load has torn out to this many times its rest length, and goes on stretching, is no leaf
+# any more.
+MOST_STRETCH = 3.0
+STRETCHING_ON = 1.1  # times the stretch before the span
+TORN_REMEDY = (
+    "the membrane does not hold: raise structure.membrane_stiffness, or lower structure.bending_stiffness, the curl or "
+    "the load"
+)
 # Settling: substeps between two looks at the kinetic energy, and at most in all.
 SETTLING_BLOCK = 32
 SETTLING_SUBSTEPS = 2**17
@@ -46,6 +54,14 @@ class Settled:
     swing: float
     substeps: int
     settled: bool
+
+
+@dataclass(frozen=True)
+class _Fault:
+    """What is wrong with a span of motion, and what would help."""
+
+    what: str
+    remedy: str
 
 
 class Motion:
@@ -187,15 +203,16 @@ class Motion:
     def _advance_checked(self, duration: float, substeps: int, most: int, frame: int, stages: list[Stage]) -> int:
         """Run a span of playback time, redone with twice the substeps until nothing is wrong with it."""
         self._guard.save()
+        self._stretch_before = self._guard.largest_stretch()
         while True:
             self._run_substeps(substeps, duration / substeps, stages)
-            problem = self._problem(duration / substeps)
-            if problem is None:
+            fault = self._fault(duration / substeps)
+            if fault is None:
                 return substeps
             self._guard.restore()
             if substeps >= most:
-                reason = f"{problem} with {substeps} substeps, and no more than {most} are allowed; "
-                raise SimulationError(frame, "motion", reason + self._remedy())
+                reason = f"{fault.what} with {substeps} substeps, and no more than {most} are allowed; {fault.remedy}"
+                raise SimulationError(frame, "motion", reason)
             substeps = min(2 * substeps, most)
             self.retries += 1
 
@@ -229,15 +246,18 @@ class Motion:
             self._state.launch_count = before
         return self._graphs[key]
 
-    def _problem(self, step: float) -> str | None:
+    def _fault(self, step: float) -> _Fault | None:
         """What is wrong with the span that was just run."""
         travel = self._guard.largest_travel()
         if not math.isfinite(travel):
-            return "a position or a speed is not a finite number"
+            return _Fault("a position or a speed is not a finite number", self._remedy())
         if travel > FARTHEST_TRAVEL * self._length:
-            return f"a vertex moved {travel:.3g} m, on a leaf of {self._length:.3g} m,"
+            return _Fault(f"a vertex moved {travel:.3g} m, on a leaf of {self._length:.3g} m,", self._remedy())
+        stretch = self._guard.largest_stretch()
+        if stretch > MOST_STRETCH and stretch > STRETCHING_ON * self._stretch_before:
+            return _Fault(f"an edge was stretched to {stretch:.3g} times its rest length", TORN_REMEDY)
         if not step <= self._limit():
-            return f"the step of {step:.3g} s became too long for the deformed mesh"
+            return _Fault(f"the step of {step:.3g} s became too long for the deformed mesh", self._remedy())
         return None
 
     def _residual(self) -> float:
@@ -251,7 +271,7 @@ class Motion:
     def _refusal(self, needed: float) -> str:
         if not math.isfinite(needed):
             return "no step is short enough for the stiffness and masses of this scene; " + self._remedy()
-        found = f"needs {needed:.0f} substeps, more than solver.maximum_substeps = {self._maximum}; "
+        found = f"needs {needed:.6g} substeps, more than solver.maximum_substeps = {self._maximum}; "
         return found + self._remedy()
 
     def _remedy(self) -> str:

@@ -25,9 +25,7 @@ class FrameOutput(Stage):
     name = "frame"
     purpose = "normals, and the frame's points, velocities and water to host memory"
     rate = "output"
-    kernels = (vertex_normals,)
-    reads = ("position", "velocity", "vertex_water")
-    writes = ("normal",)
+    host_reads = ("position", "velocity", "normal", "vertex_water")
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
@@ -64,7 +62,7 @@ class DisplayColor(Stage):
     name = "display_color"
     purpose = "vertex colours: a plain ramp of water from brown to green (on the host)"
     rate = "output"
-    reads = ("vertex_water",)
+    host_reads = ("vertex_water",)
 
     def color(self, frame: Frame) -> Frame:
         """The frame with its display colour."""
@@ -79,12 +77,12 @@ class ContactSheetOutput(Stage):
     name = "contact_sheet"
     purpose = "picture of eight moments, ray-cast (its mesh and textures are allocated by the renderer)"
     rate = "output"
-    reads = ("position", "normal", "vertex_water")
+    host_reads = ("position", "normal", "vertex_water")
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
         if scene.fluid is not None:
-            self.reads = (*self.reads, "water_now")
+            self.host_reads = (*self.host_reads, "water_now")
         self._sheet = None
 
     def bind(self, state: State) -> None:

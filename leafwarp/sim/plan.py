@@ -51,6 +51,13 @@ def _diffusion_left_out(scene: Scene, scheme: str) -> str | None:
     return None if scene.fluid.scheme == scheme else f"fluid.scheme is {scene.fluid.scheme}"
 
 
+def _source_left_out(scene: Scene, leaf: Leaf) -> str | None:
+    if scene.source is None or scene.source.conductance == 0.0:
+        return "no water enters"
+    diffusion = f"{scene.fluid.scheme}_diffusion"
+    return None if _diffusion_left_out(scene, scene.fluid.scheme) else f"part of {diffusion}, which solves for it"
+
+
 def _samples_maps(scene: Scene) -> bool:
     return scene.fluid is not None or scene.structure_has_veins
 
@@ -70,8 +77,7 @@ _PRESCRIBED = "water is prescribed by [water]"
 CANDIDATES: tuple[_Candidate, ...] = (
     _Candidate("fluid", "transpiration", f"{_FLUID}:Transpiration",
                _needs(lambda s: s.transpiration and s.transpiration.rate > 0.0, "nothing transpires")),
-    _Candidate("fluid", "source", f"{_FLUID}:Source",
-               _needs(lambda s: s.source and s.source.conductance > 0.0, "no water enters")),
+    _Candidate("fluid", "source", f"{_FLUID}:Source", _source_left_out),
     _Candidate("fluid", "split_diffusion", f"{_FLUID}:SplitDiffusion", lambda s, leaf: _diffusion_left_out(s, "split")),
     _Candidate("fluid", "unsplit_diffusion", f"{_FLUID}:UnsplitDiffusion",
                lambda s, leaf: _diffusion_left_out(s, "unsplit")),
@@ -140,26 +146,40 @@ class Plan:
         return sum(spec.byte_count(self.scene.solver.precision) for spec in self.arrays)
 
     def describe(self, runs_per_frame: dict[str, float]) -> list[dict[str, Any]]:
-        """The stages as plain data, for people and programs.
+        """The stages as plain data, for people and programs; they must be bound.
+
+        What a stage reads and writes are the arguments of its launches, but for tables that it alone knows.
 
         Args:
             runs_per_frame: How often a stage of each rate runs in a frame, on average.
         """
         precision = self.scene.solver.precision
+        reads = {stage.name: _names(stage.host_reads, *(c.reads for c in stage.recorded)) for stage in self.stages}
+        writes = {stage.name: _names(stage.host_writes, *(c.writes for c in stage.recorded)) for stage in self.stages}
+        owner = {spec.name: stage.name for stage in self.stages for spec in stage.arrays}
+
+        def others(name: str, traffic: dict[str, tuple[str, ...]], stage: Stage) -> bool:
+            return any(name in names for other, names in traffic.items() if other != stage.name)
+
         return [
             {
                 "name": stage.name,
                 "purpose": stage.purpose,
                 "rate": stage.rate,
-                "reads": list(stage.reads),
-                "writes": list(stage.writes),
-                "kernels": sorted({f"{k.module.name}.{k.key}" for k in stage.kernels}),
+                "reads": [n for n in reads[stage.name] if owner[n] != stage.name or others(n, writes, stage)],
+                "writes": [n for n in writes[stage.name] if owner[n] != stage.name or others(n, reads, stage)],
+                "kernels": sorted({c.kernel_name for c in stage.recorded}),
                 "arrays": [spec.name for spec in stage.arrays],
                 "bytes": sum(spec.byte_count(precision) for spec in stage.arrays),
                 "launches_per_frame": stage.launches * runs_per_frame[stage.rate],
             }
             for stage in self.stages
         ]
+
+
+def _names(*groups: tuple[str, ...]) -> tuple[str, ...]:
+    """All names of some groups, each once."""
+    return tuple(dict.fromkeys(name for group in groups for name in group))
 
 
 def make_stages(scene: Scene, leaf: Leaf, group: str) -> tuple[tuple[Stage, ...], dict[str, str]]:

@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from typing import TYPE_CHECKING
+
+import warp as wp
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
@@ -13,7 +13,8 @@ from leafwarp.sim.frame import Frame
 from leafwarp.sim.launch import State
 from leafwarp.sim.motion import Motion, Settled
 from leafwarp.sim.plan import Plan, make_plan
-from leafwarp.sim.stage import Interval, Stage
+from leafwarp.sim.stage import Interval, Stage, bind_stage
+from leafwarp.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from leafwarp.sim.fluid import Fluid
@@ -33,7 +34,7 @@ class Simulation:
     Attributes:
         plan: The stages.
         state: Their arrays.
-        seconds: Wall time spent in each group of stages so far [s].
+        watch: Wall time spent in each stage so far; the stages of a substep, which run in one graph, are "motion".
         substeps: Motion substeps of every frame so far.
         settled: How well the leaf came to rest before the first frame; None where it was not asked to.
     """
@@ -41,16 +42,17 @@ class Simulation:
     def __init__(self, scene: Scene, leaf: Leaf, device: str = "cpu"):
         self.scene = scene
         self.leaf = leaf
-        self.seconds: dict[str, float] = {}
         self.substeps: list[int] = []
         self.settled: Settled | None = None
         self.plan: Plan = make_plan(scene, leaf)
         self.state = State(self.plan.arrays, device, scene.solver.precision)
-        with self._timed("start"):
+        on_gpu = self.state.device.is_cuda
+        self.watch = Stopwatch((lambda: wp.synchronize_device(self.state.device)) if on_gpu else None)
+        with self.watch("start"):
             # The motion's stages fill in the photographed leaf before the coupling lets it follow the water.
             for group in ("fluid", "motion", "coupling", "output"):
                 for stage in self.plan.groups.get(group, ()):
-                    stage.bind(self.state)
+                    bind_stage(stage, self.state)
             self.fluid = self._make_fluid()
             self._couple(Interval(0.0, 0.0))
             self.motion = Motion(scene, leaf, self.state, self.plan.groups["motion"])
@@ -61,14 +63,6 @@ class Simulation:
         from leafwarp.sim.fluid import Fluid
 
         return Fluid(self.scene, self.leaf, self.state, self.plan.groups["fluid"])
-
-    @contextmanager
-    def _timed(self, group: str) -> Iterator[None]:
-        begin = time.perf_counter()
-        try:
-            yield
-        finally:
-            self.seconds[group] = self.seconds.get(group, 0.0) + time.perf_counter() - begin
 
     def stage(self, name: str) -> Stage | None:
         """The stage of a name, or None where the scene does not ask for it."""
@@ -82,11 +76,12 @@ class Simulation:
     def _couple(self, interval: Interval) -> None:
         for stage in self.plan.groups["coupling"]:
             if stage.rate == "frame":
-                stage.run(interval)
+                with self.watch(stage.name):
+                    stage.run(interval)
 
     def read_frame(self, index: int) -> Frame:
         """The present state as frame ``index`` (0: the rest pose)."""
-        with self._timed("frame"):
+        with self.watch("frame"):
             frame = self.stage("frame").read(index, self.plant_time(max(index, 1)))
             display_color = self.stage("display_color")
             return frame if display_color is None else display_color.color(frame)
@@ -95,21 +90,21 @@ class Simulation:
         """Go on from frame ``frame - 1`` to ``frame``.
 
         Raises:
-            SimulationError: The frame cannot be computed; the state is that of the frame before.
+            SimulationError: The frame cannot be computed. The leaf is back in the shape of the frame before; its water
+                is that of the frame that failed.
         """
         interval = Interval(self.plant_time(frame - 1), self.plant_time(frame))
         if self.fluid is not None:
-            with self._timed("fluid"):
+            with self.watch("fluid"):
                 self.fluid.advance(interval.end, frame)
-        with self._timed("coupling"):
-            self._couple(interval)
-        with self._timed("motion"):
+        self._couple(interval)
+        with self.watch("motion"):
             self.substeps.append(self.motion.advance(1.0 / self.scene.time.fps, frame))
 
     def settle(self) -> None:
         """Let the leaf come to rest under its load, where the scene asks for it."""
         if self.scene.motion.settle:
-            with self._timed("settle"):
+            with self.watch("settle"):
                 self.settled = self.motion.settle()
 
     def frames(self, last: int | None = None) -> Iterator[Frame]:

@@ -53,14 +53,12 @@ class StableStep(Stage):
     name = "stable_step"
     purpose = "bound of the mesh's frequencies, from which the substeps follow; check of each frame"
     rate = "frame"
-    writes = ("position", "velocity")
+    host_writes = ("position", "velocity")
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
         self._hinged = scene.has_angular_springs and leaf.mesh.hinge_count > 0
         vertices, hinges = leaf.mesh.vertex_count, leaf.mesh.hinge_count
-        self.kernels = (stable_step.edge_frequencies, stable_step.travel)
-        self.reads = (*_EDGE_INPUTS, "velocity")
         self.arrays = (
             ArraySpec(
                 "squared_frequency",
@@ -69,18 +67,12 @@ class StableStep(Stage):
                 "bound of the squared frequency at each vertex [1/s^2]",
             ),
             ArraySpec("travel", (vertices,), "real", "how far each vertex went in the frame [m]"),
+            ArraySpec("edge_stretch", (leaf.mesh.edge_count,), "real", "length of each edge over its rest length"),
             ArraySpec("saved_position", (vertices,), "vector", "positions at the frame's start [m]"),
             ArraySpec("saved_velocity", (vertices,), "vector", "velocities at the frame's start [m/s]"),
         )
         if self._hinged:
-            self.kernels = (
-                stable_step.hinge_bounds,
-                stable_step.edge_and_hinge_frequencies,
-                stable_step.travel,
-            )
-            self.reads += ("hinge_vertices", "hinge_angle", "hinge_rest_angle", "hinge_stiffness")
-            self.reads += ("vertex_hinge_start", "vertex_hinge_slots")
-            self.writes += ("hinge_angle",)
+            self.host_writes += ("hinge_angle",)
             self.arrays += (
                 ArraySpec(
                     "hinge_row",
@@ -94,8 +86,8 @@ class StableStep(Stage):
 
     @property
     def launches(self) -> int:
-        """Launches a frame that is not redone: the bound before and after it, and the check."""
-        return 2 * len(self.kernels) - 1
+        """Launches a frame that is not redone: bound and stretch before and after it, and the way gone."""
+        return 2 * len(self.commands) + 3
 
     def bind(self, state: State) -> None:
         self._state = state
@@ -137,6 +129,12 @@ class StableStep(Stage):
             inputs=["position", "velocity", "saved_position"],
             outputs=["travel"],
         )
+        self._stretch: Command = state.record(
+            stable_step.edge_stretch,
+            self.leaf.mesh.edge_count,
+            inputs=["position", "edge_vertices", "edge_rest_length"],
+            outputs=["edge_stretch"],
+        )
         names = ("position", "velocity", "hinge_angle") if self._hinged else ("position", "velocity")
         self._saved = [(state[name], state[f"saved_{name}"]) for name in names]
 
@@ -145,16 +143,19 @@ class StableStep(Stage):
         super().run(interval)
 
     def largest_squared_frequency(self) -> float:
-        """Largest bound over all vertices [1/s^2], evaluated now; not a number where the mesh is not
-        finite."""
+        """Largest bound over all vertices [1/s^2], evaluated now; not a number where the mesh is not finite."""
         self.run()
         return float(np.max(self._state["squared_frequency"].numpy()))
 
     def largest_travel(self) -> float:
-        """Longest way of a vertex since :meth:`save` [m]; not finite where a position or a velocity is
-        not."""
+        """Longest way of a vertex since :meth:`save` [m]; not finite where a position or a velocity is not."""
         self._travel.run()
         return float(np.max(self._state["travel"].numpy()))
+
+    def largest_stretch(self) -> float:
+        """Largest length of an edge over its rest length."""
+        self._stretch.run()
+        return float(np.max(self._state["edge_stretch"].numpy()))
 
     def save(self) -> None:
         """Remember the positions, velocities and hinge angles."""

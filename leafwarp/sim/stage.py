@@ -1,16 +1,14 @@
 """What a stage of the simulation is.
 
-A stage is made in two steps. Its constructor sees the scene and the leaf and only *declares*: what it reads, writes
-and allocates, which kernels it launches and how often. From the declarations alone comes the plan that a user can
-print. ``bind`` then gets the state with all declared arrays, fills its own and records its launches.
+A stage is made in two steps. Its constructor sees the scene and the leaf and only *declares* what it
+allocates and how often it runs. ``bind`` then gets the state with all declared arrays, fills its own and records its
+launches; what these read and write is known from then on.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 from typing import ClassVar, Literal
-
-import warp as wp
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
@@ -38,19 +36,19 @@ class Stage:
         name: Name in the plan and in the report.
         purpose: One line for the plan.
         rate: How often it runs.
-        kernels: Generic kernels that it launches.
-        reads: Names of the arrays that it reads and another stage writes.
-        writes: Names of the arrays that it changes.
+        host_reads: Names of the arrays that it reads other than by its launches.
+        host_writes: Names of the arrays that it changes other than by its launches.
         arrays: The arrays that it brings into the state.
-        commands: Its recorded launches, after ``bind``.
+        commands: The recorded launches that ``run`` runs, after ``bind``.
+        recorded: All launches that it recorded, after :func:`bind_stage`.
     """
 
     name: ClassVar[str]
     purpose: ClassVar[str]
     rate: ClassVar[Rate]
-    kernels: tuple[wp.Kernel, ...] = ()
-    reads: tuple[str, ...] = ()
-    writes: tuple[str, ...] = ()
+    host_reads: tuple[str, ...] = ()
+    host_writes: tuple[str, ...] = ()
+    recorded: tuple[Command, ...] = ()
     arrays: tuple[ArraySpec, ...] = ()
 
     def __init__(self, scene: Scene, leaf: Leaf):
@@ -60,8 +58,8 @@ class Stage:
 
     @property
     def launches(self) -> int:
-        """Launches each time the stage runs."""
-        return len(self.kernels)
+        """Launches each time the stage runs, once it is bound."""
+        return len(self.commands)
 
     def bind(self, state: State) -> None:
         """Fill the stage's own arrays and record its launches."""
@@ -70,3 +68,10 @@ class Stage:
         """Do the stage's work once, over a span of plant time where it is a fluid stage."""
         for command in self.commands:
             command.run()
+
+
+def bind_stage(stage: Stage, state: State) -> None:
+    """Bind a stage, and note which launches it recorded."""
+    before = len(state.recorded)
+    stage.bind(state)
+    stage.recorded = tuple(state.recorded[before:])

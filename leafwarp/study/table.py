@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 
 from leafwarp.errors import OutputError
-from leafwarp.run import write_text
+from leafwarp.files import write_text
 
 
 @dataclass

@@ -10,7 +10,7 @@ import platform
 import sys
 import time
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -19,8 +19,10 @@ import numpy as np
 
 from leafwarp import __version__
 from leafwarp.errors import InputError, OutputError, SimulationError
+from leafwarp.files import write_text
 from leafwarp.leaf.leaf import Leaf
-from leafwarp.run import CACHE_FOLDER, prepare_scene_leaf, write_text
+from leafwarp.prepare import prepare_scene_leaf
+from leafwarp.run import CACHE_FOLDER
 from leafwarp.scene import Scene
 from leafwarp.sim.launch import check_device
 from leafwarp.study.costs import CostModel
@@ -51,9 +53,7 @@ PRECISIONS = ("float32", "float64")
 TABLE, RESULT, PICTURE = "tradeoff.csv", "tradeoff.json", "tradeoff.png"
 # Tables of the scene that the result repeats.
 TABLES = {"time", "fluid", "transpiration", "source"}
-NOT_CONVERGED = (
-    "shorter steps move away from it; errors are distances from it, no more. A larger budget would help"
-)
+NOT_CONVERGED = "shorter steps move away from it; errors are distances from it, no more. A larger budget would help"
 
 DEFAULT_BUDGET = 600.0  # [s]
 # Shares of the budget.

@@ -154,7 +154,7 @@ def run_trial(scene: Scene, leaf: Leaf, setting: Setting, device: str, deadline:
         setting=setting,
         points=np.stack(points),
         water=np.stack(water),
-        seconds=dict(simulation.seconds),
+        seconds=dict(simulation.watch.seconds),
         fluid_steps=simulation.fluid.steps_done,
         fluid_step=simulation.fluid.steps.length,
         substeps=sum(simulation.substeps),

@@ -1,0 +1,109 @@
+"""What a run was and did: versions, sizes, substeps, the water ledger, time and memory."""
+
+from __future__ import annotations
+
+import os
+import platform
+import sys
+from dataclasses import asdict
+from importlib.metadata import PackageNotFoundError, version
+from typing import TYPE_CHECKING, Any
+
+from leafwarp import __version__
+
+if TYPE_CHECKING:
+    from leafwarp.sim.simulation import Simulation
+
+PACKAGES = ("warp-lang", "numpy", "opencv-python-headless", "trimesh", "usd-core")
+# Done once a run, however many frames it has.
+ONCE = ("prepare", "start", "settle", "usd_close", "contact_sheet_draw")
+
+
+def package_versions() -> dict[str, str]:
+    """Versions of leafwarp, Python and the packages that results depend on."""
+    versions = {"leafwarp": __version__, "python": platform.python_version()}
+    for name in PACKAGES:
+        try:
+            versions[name] = version(name)
+        except PackageNotFoundError:
+            versions[name] = "unknown"
+    return versions
+
+
+def peak_memory() -> int | None:
+    """Largest memory of this process so far [byte]; None where the system does not tell."""
+    try:
+        import resource
+    except ImportError:
+        return None
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak if sys.platform == "darwin" else 1024 * peak
+
+
+def mesh_report(simulation: Simulation) -> dict[str, int]:
+    """Counts of the mesh and its springs."""
+    mesh = simulation.leaf.mesh
+    return {
+        "vertices": mesh.vertex_count,
+        "triangles": mesh.triangle_count,
+        "edge_springs": mesh.edge_count,
+        "angular_springs": mesh.hinge_count if simulation.scene.has_angular_springs else 0,
+    }
+
+
+def make_report(
+    simulation: Simulation, seconds: dict[str, float], frame_seconds: list[float], total: float
+) -> dict[str, Any]:
+    """The report of a run, as plain data.
+
+    Args:
+        simulation: The simulation after its last frame.
+        seconds: Wall time by stage [s].
+        frame_seconds: Wall time of each frame [s].
+        total: Wall time of everything [s].
+    """
+    scene, substeps, device = simulation.scene, simulation.substeps, simulation.state.device
+    count = max(len(frame_seconds), 1)
+    return {
+        "scene": scene.name,
+        "versions": package_versions(),
+        "device": {"name": device.name, "alias": device.alias},
+        "machine": f"{platform.machine()}, {os.cpu_count()} cores",
+        "precision": scene.solver.precision,
+        "mesh": mesh_report(simulation),
+        "map": list(scene.maps.shape) if scene.map_names else None,
+        "fluid": _fluid_report(simulation) if simulation.fluid is not None else None,
+        "substeps": {"least": min(substeps, default=0), "most": max(substeps, default=0), "total": sum(substeps)},
+        "motion": {
+            "retries": simulation.motion.retries,
+            "settled": asdict(simulation.settled) if simulation.settled is not None else None,
+            "unbalanced_torque": simulation.motion.unbalanced_torque,
+        },
+        "frames": len(frame_seconds),
+        "milliseconds_per_frame": {
+            name: 1e3 * value / count for name, value in sorted(seconds.items()) if name not in ONCE
+        },
+        "seconds": {
+            "total": total,
+            "longest_frame": max(frame_seconds, default=0.0),
+            "median_frame": sorted(frame_seconds)[len(frame_seconds) // 2] if frame_seconds else 0.0,
+            **{name: seconds[name] for name in ONCE if name in seconds},
+        },
+        "memory": {"arrays_bytes": simulation.state.byte_count, "peak_bytes": peak_memory()},
+        "launches": simulation.state.launch_count,
+        "arrays": len(simulation.state.names),
+    }
+
+
+def _fluid_report(simulation: Simulation) -> dict[str, Any]:
+    fluid = simulation.fluid
+    ledger = fluid.ledger()
+    report = {
+        "steps": fluid.steps_done,
+        "step_seconds": fluid.steps.length,
+        "ledger": {**asdict(ledger), "error": ledger.error},
+    }
+    solver = simulation.stage("unsplit_diffusion")
+    if solver is not None:
+        report["solver_iterations"] = {"most": solver.most_iterations, "total": solver.iterations}
+    return report
