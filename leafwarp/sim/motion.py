@@ -28,7 +28,6 @@ FARTHEST_TRAVEL = 4.0
 # A membrane that bending or a load has torn out to this many times its rest length, and goes on stretching, is no leaf
 # any more.
 MOST_STRETCH = 3.0
-STRETCHING_ON = 1.1  # times the stretch before the span
 TORN_REMEDY = (
     "the membrane does not hold: raise structure.membrane_stiffness, or lower structure.bending_stiffness, the curl or "
     "the load"
@@ -254,7 +253,7 @@ class Motion:
         if travel > FARTHEST_TRAVEL * self._length:
             return _Fault(f"a vertex moved {travel:.3g} m, on a leaf of {self._length:.3g} m,", self._remedy())
         stretch = self._guard.largest_stretch()
-        if stretch > MOST_STRETCH and stretch > STRETCHING_ON * self._stretch_before:
+        if stretch > max(MOST_STRETCH, self._stretch_before):
             return _Fault(f"an edge was stretched to {stretch:.3g} times its rest length", TORN_REMEDY)
         if not step <= self._limit():
             return _Fault(f"the step of {step:.3g} s became too long for the deformed mesh", self._remedy())
