@@ -128,6 +128,23 @@ def ellipse(rows: int, columns: int | None = None) -> np.ndarray:
     return (x[None, :] / 0.6) ** 2 + (y[:, None] / 0.95) ** 2 < 1.0
 
 
+def petiole_leaf(count: int, direction: str) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """A round blade with a midrib on a thin petiole, drawn from its foot along x, y or the diagonal.
+
+    Returns:
+        The mask, and the maps of venation (the petiole and its midrib) and source (the petiole's foot).
+    """
+    centre = (np.arange(count) + 0.5) / count - 0.5
+    x, y = np.meshgrid(centre, centre)
+    angle = np.radians({"x": 0.0, "diagonal": 45.0, "y": 90.0}[direction])
+    along = x * np.cos(angle) + y * np.sin(angle) + 0.4
+    across = np.abs(y * np.cos(angle) - x * np.sin(angle))
+    petiole = (across < 0.04) & (along >= 0.0) & (along < 0.6)
+    mask = petiole | (np.hypot(along - 0.6, across) < 0.25)
+    midrib = (along < 0.75) * np.clip((0.04 - across) * count + 0.5, 0.0, 1.0)
+    return mask, {"venation": midrib * mask, "source": (petiole & (along < 0.06)).astype(float)}
+
+
 def random_diffusivity(rng: np.random.Generator, shape: tuple[int, int], decades: tuple[float, float]) -> np.ndarray:
     """Diffusivities over many decades, a fifth of the cells dead."""
     diffusivity = 10.0 ** rng.uniform(*decades, shape)

@@ -1,8 +1,6 @@
-"""Transpiration, source, the fluid's clock and the ledger."""
+"""Transpiration, the fluid's clock and the ledger."""
 
 from __future__ import annotations
-
-import math
 
 import numpy as np
 import pytest
@@ -83,70 +81,6 @@ def test_a_leaf_without_stomata_is_refused() -> None:
     tables = STILL | {"transpiration": {"rate": 1e-3}}
     with pytest.raises(InputError, match=r"maps\.stomata: .* accepted: .*cuticle_rate"):
         make_sample(tables, mask, {"stomata": np.zeros(mask.shape)})
-    with pytest.raises(InputError, match=r"maps\.source: .* accepted"):
-        make_sample(STILL | {"source": {"conductance": 1.0}}, mask, {"source": np.zeros(mask.shape)})
-
-
-def source_sample(device: str, precision: str, content: float, **source: float) -> Sample:
-    mask = ellipse(20)
-    foot = np.zeros(mask.shape)
-    foot[2, 9], foot[2, 10], foot[3, 9] = 0.2, 0.3, 0.5
-    maps = {"water": np.full(mask.shape, content), "source": foot}
-    return make_sample(STILL | {"source": source}, mask, maps, device=device, precision=precision)
-
-
-def test_the_source_fills_as_its_equation_says(device: str, precision: str) -> None:
-    sample = source_sample(device, precision, 0.3, conductance=1e-4, supply=0.9)
-    count = sample.leaf.mask.sum()
-    expected = sample.water
-    for place, weight in {(2, 9): 0.2, (2, 10): 0.3, (3, 9): 0.5}.items():
-        expected[place] += 0.6 * -math.expm1(-1e-4 * weight * count * 60.0)
-    assert sample.step("source") == pytest.approx(expected, abs=2 * ULP[precision])
-    assert abs(sample.fluid.ledger().error) <= 1e-15
-    assert sample.fluid.ledger().added > 0.0
-
-
-@pytest.mark.parametrize("content", [0.0, 0.5, 0.8, 1.0])
-def test_the_source_never_passes_its_supply_and_never_drains(content: float, device: str, precision: str) -> None:
-    sample = source_sample(device, precision, content, conductance=1e300, supply=0.8)
-    before = sample.water
-    for index in range(3):
-        after = sample.step("source", index)
-        assert (after >= before).all()
-        assert after.max() <= max(before.max(), np.float32(0.8) if precision == "float32" else 0.8)
-    assert after[2, 9] == pytest.approx(max(content, 0.8), abs=ULP[precision])
-
-
-@pytest.mark.parametrize(("cut_at", "open_for"), [(0.0, 0.0), (60.0, 60.0), (90.0, 90.0), (1e9, 180.0)])
-def test_a_cut_ends_the_source(cut_at: float, open_for: float, device: str, precision: str) -> None:
-    sample = source_sample(device, precision, 0.0, conductance=1e-4, cut_at=cut_at)
-    for index in range(3):
-        launches = sample.state.launch_count
-        sample.step("source", index)
-        assert (sample.state.launch_count > launches) == (index * 60.0 < cut_at)
-    expected = -math.expm1(-1e-4 * 0.5 * sample.leaf.mask.sum() * open_for)
-    assert sample.water[3, 9] == pytest.approx(expected, abs=4 * ULP[precision])
-
-
-def test_conductance_is_that_of_the_leaf_at_any_map_size(device: str) -> None:
-    """The mean uptake hardly depends on the map, once steps are short and the water spreads."""
-    uptake = []
-    for count in (32, 64, 128, 256):
-        mask = ellipse(count)
-        y = (np.arange(count)[:, None] + 0.5) / count + np.zeros((1, count))
-        foot = mask & (y < 0.15)
-        tables = {
-            "fluid": {"step": 1.0, "lamina_diffusivity": 1e-5, "vein_diffusivity": 1e-5},
-            "source": {"conductance": 1e-3},
-            "time": {"duration": 100.0, "frames": 2},
-        }
-        maps = {"water": np.full(mask.shape, 0.2), "source": foot / foot.sum()}
-        sample = make_sample(tables, mask, maps, device=device)
-        sample.fluid.advance(100.0)
-        uptake.append(sample.fluid.ledger().added)
-    assert uptake == pytest.approx([uptake[-1]] * 4, rel=0.03)
-    # Not more than the conductance allows at the start's difference, and most of it.
-    assert 0.5 * 0.08 < uptake[-1] < 0.08
 
 
 def test_steps_fill_the_duration_and_are_no_longer_than_asked() -> None:
@@ -160,7 +94,7 @@ def test_steps_fill_the_duration_and_are_no_longer_than_asked() -> None:
     assert FluidSteps.of(make_scene({"fluid": {"step": 1e9}, "time": {"duration": 100.0, "frames": 2}})).count == 1
 
 
-@pytest.mark.parametrize(("duration", "step"), [(1e6, 1e-3), (1e300, 1e-300), (1e300, 1e300)])
+@pytest.mark.parametrize(("duration", "step"), [(1e6, 1e-3), (1e12, 1e-300)])
 def test_steps_beyond_reason_are_refused(duration: float, step: float) -> None:
     scene = make_scene({"fluid": {"step": step}, "time": {"duration": duration, "frames": 2}})
     with pytest.raises(InputError, match=r"fluid\.step = .* accepted: "):

@@ -1,12 +1,25 @@
-"""Water that enters at the petiole base.
+"""Water exchanged with a supply at the petiole base.
 
-Each source cell exchanges water with a supply through its share of the total conductance G,
+Each source cell exchanges water with the supply through its share of the total conductance G,
 
     dy/dt = G w N (y_supply - y),
 
 with the weights w of sum 1 and N the number of leaf cells, so that the leaf's mean content rises by
-``G sum w (y_supply - y)`` a second whatever the map's size. Over a step the exact solution is
-``y += (y_supply - y) (1 - exp(-G w N dt))``, which never passes the supply. Water does not flow back.
+``G sum w (y_supply - y)`` a second whatever the map's size. A cell wetter than the supply gives water back.
+
+What enters has to flow on within the same step, or a step could take in no more than the source cells hold. The
+exchange is therefore part of the diffusion's implicit system: with ``S = G w N dt`` and the diffusion's matrix L,
+
+    (I + S + L) y = f + S y_supply.
+
+Written like this the contents would be lost in the rounding of S. Filling the source cells first, as if they were
+alone, leaves a system whose right side is made of contents only:
+
+    (E + L) y = E f',    E = I + S,    f' = f + (y_supply - f) S / (1 + S).
+
+Its solution is a mean of the ``f'`` for any S, so it stays between the extremes of the contents and the supply.
+What entered is counted as the difference that step and source together made to the stored contents, in float64:
+``S (y_supply - y)`` would be a small difference times a large number.
 """
 
 import warp as wp
@@ -15,32 +28,78 @@ wp.set_module_options({"enable_backward": False})
 
 
 @wp.kernel
-def supply_water(
+def open_source(
     # inputs:
     source_cell: wp.array2d[wp.int32],
     source_rate: wp.array[wp.float64],
-    supply: wp.Float,
-    time_step: wp.float64,
+    open_for: wp.float64,
     # outputs:
-    water_out: wp.array2d[wp.Float],
-    added_out: wp.array[wp.float64],
+    exchange_out: wp.array2d[wp.Float],
 ):
-    """Add what enters each source cell in a step.
+    """Set what each source cell exchanges in a step.
 
     Args:
         source_cell: Row and column of each source cell, shape [source_count, 2].
         source_rate: ``G w N`` of each [1/s], shape [source_count].
-        supply: Relative water content of the supply.
-        time_step: Time for which the source is open [s].
-        water_out: Relative water content, shape [ny, nx]; changed at the source cells.
-        added_out: Sum of the contents added to each source cell so far, shape [source_count]; added to.
+        open_for: Time for which the source is open [s]; 0 closes it.
+        exchange_out: ``S``, shape [ny, nx]; written at the source cells, 0 at all others.
     """
     source = wp.tid()
     row = source_cell[source, 0]
     column = source_cell[source, 1]
-    content = water_out[row, column]
-    if content < supply:
-        share = wp.float64(1.0) - wp.exp(-source_rate[source] * time_step)
-        filled = wp.min(content + type(supply)(share * wp.float64(supply - content)), supply)
-        water_out[row, column] = filled
-        added_out[source] += wp.float64(filled) - wp.float64(content)
+    here = exchange_out[row, column]
+    exchange_out[row, column] = type(here)(source_rate[source] * open_for)
+
+
+@wp.kernel
+def fill_lines(
+    # inputs:
+    exchange: wp.array2d[wp.Float],
+    span: wp.array2d[wp.int32],
+    supply: wp.Float,
+    # outputs:
+    water_out: wp.array2d[wp.Float],
+    added_out: wp.array[wp.float64],
+):
+    """Fill the source cells as if nothing flowed, and take what the line held before from its account.
+
+    Args:
+        exchange: ``S``, shape [line, cell].
+        span: First cell to count of each line and the one after its last, shape [line, 2].
+        supply: Relative water content of the supply.
+        water_out: Relative water content, shape [line, cell]; changed at the source cells.
+        added_out: Content added to each line so far, shape [line]; reduced by what the line holds.
+    """
+    line = wp.tid()
+    held = wp.float64(0.0)
+    for cell in range(span[line, 0], span[line, 1]):
+        content = water_out[line, cell]
+        held += wp.float64(content)
+        strength = wp.float64(exchange[line, cell])
+        if strength > wp.float64(0.0):
+            share = strength / (wp.float64(1.0) + strength)
+            filled = wp.float64(content) + share * (wp.float64(supply) - wp.float64(content))
+            water_out[line, cell] = wp.clamp(type(supply)(filled), wp.min(content, supply), wp.max(content, supply))
+    added_out[line] -= held
+
+
+@wp.kernel
+def count_lines(
+    # inputs:
+    water: wp.array2d[wp.Float],
+    span: wp.array2d[wp.int32],
+    # outputs:
+    added_out: wp.array[wp.float64],
+):
+    """Add what each line holds to its account, after :func:`fill_lines` and a solve.
+
+    Args:
+        water: Relative water content, shape [line, cell].
+        span: First cell to count of each line and the one after its last, shape [line, 2].
+        added_out: Content added to each line so far, shape [line]; added to.
+    """
+    line = wp.tid()
+    held = wp.float64(0.0)
+    for cell in range(span[line, 0], span[line, 1]):
+        held += wp.float64(water[line, cell])
+    added_out[line] += held

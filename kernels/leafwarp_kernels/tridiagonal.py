@@ -77,9 +77,9 @@ def solve_lines(
     Args:
         forward_weight: From :func:`eliminate_lines`.
         backward_weight: From :func:`eliminate_lines`.
-        excess_diagonal: The ``e_i - 1``, shape [line, cell]; None for none.
+        excess_diagonal: The ``e_i - 1``, shape [line, cell]; None for a right side that holds the ``f_i``.
         span: First leaf cell of each line and the one after its last, shape [line, 2].
-        right_side: The ``e_i f_i``, shape [line, cell].
+        right_side: The ``e_i f_i``, or the ``f_i``, shape [line, cell].
         solution_out: The ``y_i``, shape [line, cell]; written within the span. May be the array of the right
             side.
     """

@@ -13,6 +13,11 @@ positive definite:
 
 The mean content is an eigenvector of A with eigenvalue 1, so its error after the iteration is known exactly:
 :func:`shift_water` removes it.
+
+A source (:mod:`leafwarp_kernels.source`) makes the system ``(E + L_x + L_y) y = E f'`` with ``E = I + S``. From
+``y = f'`` its residual is ``-(L_x + L_y) f'``, as without a source; S is added to A (:func:`apply_exchange`) and to
+both matrices of the preconditioner. Eigenvalues do not fall below 1, so the bound of the error holds. The mean
+content is no eigenvector any more: there is no shift while the source is open.
 """
 
 import warp as wp
@@ -52,12 +57,22 @@ def direction_diagonals(
     # inputs:
     conductance_x: wp.array2d[wp.Float],
     conductance_y: wp.array2d[wp.Float],
+    exchange: wp.array2d[wp.Float],
     time_step: wp.Float,
     # outputs:
     diagonal_x_out: wp.array2d[wp.Float],
     diagonal_y_out: wp.array2d[wp.Float],
 ):
-    """The diagonals of ``L_x`` and ``L_y``, shape [ny, nx]."""
+    """The diagonals of ``L_x`` and ``L_y``, each with ``S`` of a source added, shape [ny, nx].
+
+    Args:
+        conductance_x: Rate of exchange of each cell with its right neighbour [1/s], shape [ny, nx].
+        conductance_y: The same with its upper neighbour.
+        exchange: ``S``, shape [ny, nx]; None for none.
+        time_step: [s].
+        diagonal_x_out: Shape [ny, nx].
+        diagonal_y_out: Shape [ny, nx].
+    """
     row, column = wp.tid()
     along_x = conductance_x[row, column] * time_step
     along_y = conductance_y[row, column] * time_step
@@ -65,6 +80,9 @@ def direction_diagonals(
         along_x += conductance_x[row, column - 1] * time_step
     if row > 0:
         along_y += conductance_y[row - 1, column] * time_step
+    if exchange:
+        along_x += exchange[row, column]
+        along_y += exchange[row, column]
     diagonal_x_out[row, column] = along_x
     diagonal_y_out[row, column] = along_y
 
@@ -151,6 +169,35 @@ def apply_system(
         image_out[row, column] = type(time_step)(image)
         total += here * image
     row_sum_out[0, row] = total
+
+
+@wp.kernel
+def apply_exchange(
+    # inputs:
+    direction: wp.array2d[wp.Float],
+    exchange: wp.array2d[wp.Float],
+    span: wp.array2d[wp.int32],
+    # outputs:
+    image_out: wp.array2d[wp.Float],
+    row_sum_out: wp.array2d[wp.float64],
+):
+    """Add a source's ``S direction`` to what :func:`apply_system` has made of the direction.
+
+    Args:
+        direction: Shape [ny, nx].
+        exchange: ``S``, shape [ny, nx].
+        span: First source cell of each row and the one after its last, shape [ny, 2].
+        image_out: Shape [ny, nx]; added to.
+        row_sum_out: Slot 0, shape [4, ny]; added to.
+    """
+    row = wp.tid()
+    total = wp.float64(0.0)
+    for column in range(span[row, 0], span[row, 1]):
+        here = direction[row, column]
+        exchanged = wp.float64(exchange[row, column]) * wp.float64(here)
+        image_out[row, column] = type(here)(wp.float64(image_out[row, column]) + exchanged)
+        total += wp.float64(here) * exchanged
+    row_sum_out[0, row] += total
 
 
 @wp.kernel

@@ -22,7 +22,7 @@ class WaterLedger:
 
     Attributes:
         start: Content at the start.
-        added: What the source has added since.
+        added: What the source has added since; less than 0 where a leaf wetter than its supply has given water back.
         transpired: What has transpired since.
         now: Content after the last fluid step.
     """
@@ -94,11 +94,15 @@ class Fluid:
     def ledger(self) -> WaterLedger:
         """The account of the water up to the last fluid step."""
         return WaterLedger(
-            self._start, self._total("added_by_source"), self._total("transpired_by_row"), self._content()
+            self._start,
+            self._total("added_by_source_x", "added_by_source_y"),
+            self._total("transpired_by_row"),
+            self._content(),
         )
 
-    def _total(self, name: str) -> float:
-        return float(self._state[name].numpy().sum()) / self._cell_count if name in self._state else 0.0
+    def _total(self, *names: str) -> float:
+        total = sum(float(self._state[name].numpy().sum()) for name in names if name in self._state)
+        return total / self._cell_count
 
     def _content(self) -> float:
         return float(self._state["water"].numpy().sum(dtype=np.float64)) / self._cell_count

@@ -2,30 +2,32 @@
 
 from __future__ import annotations
 
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
-import numpy as np
 import warp as wp
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.fluid.conductance import leaf_conductance
+from leafwarp.sim.fluid.spans import line_spans
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp_kernels.tridiagonal import eliminate_lines, solve_lines
 
+if TYPE_CHECKING:
+    from leafwarp.sim.fluid.source import Supply
 
-def leaf_spans(mask: np.ndarray) -> np.ndarray:
-    """First leaf cell of each line and the one after its last; (0, 0) for a line without one.
 
-    Args:
-        mask: Cells that are leaf, shape [line, cell].
+def diffusion_supply(scene: Scene, leaf: Leaf, directions: str, lines_mix: bool = False) -> Supply | None:
+    """The supply that a diffusion solves for, or None where no water enters.
 
-    Returns:
-        Shape [line, 2], int32.
+    Its module is imported only if the scene has a source. Arguments are those of
+    :class:`leafwarp.sim.fluid.source.Supply`.
     """
-    first = np.argmax(mask, axis=1)
-    end = mask.shape[1] - np.argmax(mask[:, ::-1], axis=1)
-    return np.where(mask.any(axis=1)[:, None], np.stack([first, end], axis=1), 0).astype(np.int32)
+    if scene.source is None or scene.source.conductance == 0.0:
+        return None
+    from leafwarp.sim.fluid.source import Supply
+
+    return Supply(scene, leaf, directions, lines_mix)
 
 
 def line_arrays(shape: tuple[int, int]) -> tuple[ArraySpec, ...]:
@@ -48,8 +50,8 @@ def upload_conductance(scene: Scene, leaf: Leaf, state: State, time_step: float)
     conductance = leaf_conductance(scene, leaf, time_step)
     state.upload("conductance_x", conductance.x)
     state.upload("conductance_y", conductance.y)
-    state.upload("row_span", leaf_spans(leaf.mask))
-    state.upload("column_span", leaf_spans(leaf.mask.T))
+    state.upload("row_span", line_spans(leaf.mask))
+    state.upload("column_span", line_spans(leaf.mask.T))
 
 
 class LineSolves:
@@ -74,12 +76,24 @@ class LineSolves:
         self._weights = [self._lines(f"{sweep}_weight_{direction}") for sweep in ("forward", "backward")]
         conductance = self._lines(f"conductance_{direction}")
         inputs = [conductance, self._excess, self._span, time_step]
-        state.record(eliminate_lines, len(conductance), inputs, self._weights).run()
+        self._elimination = state.record(eliminate_lines, len(conductance), inputs, self._weights)
+        self.eliminate()
 
-    def record(self, right_side: str, solution: str) -> Command:
-        """Record the solve of every line, from one array of the state to another or in place."""
+    def eliminate(self) -> None:
+        """Make the weights of the sweeps anew, after the excess of the diagonal has changed."""
+        self._elimination.run()
+
+    def record(self, right_side: str, solution: str, divided: bool = False) -> Command:
+        """Record the solve of every line, from one array of the state to another or in place.
+
+        Args:
+            right_side: Array of the systems' right sides.
+            solution: Array to write.
+            divided: The right sides are divided by 1 and the excess of the diagonal already.
+        """
         target = self._lines(solution)
-        inputs = [*self._weights, self._excess, self._span, self._lines(right_side)]
+        excess = None if divided else self._excess
+        inputs = [*self._weights, excess, self._span, self._lines(right_side)]
         return self._state.record(solve_lines, len(target), inputs, [target])
 
     def _lines(self, name: str) -> wp.array:

@@ -4,33 +4,57 @@ from __future__ import annotations
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
-from leafwarp.sim.fluid.lines import LineSolves, line_arrays, upload_conductance
+from leafwarp.sim.fluid.lines import LineSolves, diffusion_supply, line_arrays, upload_conductance
 from leafwarp.sim.fluid.steps import FluidSteps
 from leafwarp.sim.launch import State
-from leafwarp.sim.stage import Stage
-from leafwarp_kernels.tridiagonal import eliminate_lines, solve_lines
+from leafwarp.sim.stage import Interval, Stage
 
 
 class SplitDiffusion(Stage):
     """One implicit step along every row, then along every column.
 
     Stable and between the extremes for any step; but what a step carries along a diagonal vein is limited to
-    about the vein's width, and sources and sinks are damped by it. The step is therefore a matter of
-    accuracy.
+    about the vein's width, and sinks are damped by it. The step is therefore a matter of accuracy.
+
+    A source takes half of its exchange in each of the two solves, so that a petiole of any direction draws on the
+    supply for as long as water flows along it.
     """
 
     name = "split_diffusion"
     purpose = "water flows along veins and lamina: rows, then columns"
     rate = "fluid step"
-    kernels = (eliminate_lines, solve_lines)
-    writes = ("water",)
-    launches = 2
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
         self.arrays = line_arrays(leaf.mask.shape)
+        self._supply = diffusion_supply(scene, leaf, directions="xy")
+        if self._supply is not None:
+            self.purpose += ", fed at the petiole base"
+            self.arrays += self._supply.arrays
 
     def bind(self, state: State) -> None:
         time_step = FluidSteps.of(self.scene).length
         upload_conductance(self.scene, self.leaf, state, time_step)
-        self.commands = [LineSolves(state, direction, time_step).record("water", "water") for direction in ("x", "y")]
+        excess = None
+        if self._supply is not None:
+            self._supply.bind(state)
+            excess = "source_exchange"
+        self._solves = {direction: LineSolves(state, direction, time_step, excess) for direction in "xy"}
+        passes = {d: solve.record("water", "water", divided=True) for d, solve in self._solves.items()}
+        self.commands = self._alone = list(passes.values())
+        if self._supply is not None:
+            self.commands = []
+            for direction, command in passes.items():
+                fill, count = self._supply.record(direction)
+                self.commands += [fill, command, count]
+
+    def run(self, interval: Interval | None = None) -> None:
+        commands = self.commands
+        if self._supply is not None:
+            if self._supply.update(interval):
+                for solve in self._solves.values():
+                    solve.eliminate()
+            if self._supply.open_for == 0.0:
+                commands = self._alone
+        for command in commands:
+            command.run()

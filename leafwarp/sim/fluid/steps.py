@@ -10,8 +10,6 @@ from leafwarp.scene import Scene
 from leafwarp.sim.stage import Interval
 
 MAXIMUM_COUNT = 10_000_000
-# Rates times steps stay below this, so that no product of a step overflows float32.
-MAXIMUM_LENGTH = 1e15
 # A moment this close to the end of a step, in steps, is the end.
 SNAP = 1e-8
 
@@ -33,7 +31,7 @@ class FluidSteps:
         """The steps of a scene.
 
         Raises:
-            InputError: Too many steps, or a step too long to compute with.
+            InputError: Too many steps.
         """
         duration, step = scene.time.duration, scene.fluid.step
         ratio = duration / step
@@ -43,10 +41,7 @@ class FluidSteps:
                 f"accepted: at most {MAXIMUM_COUNT}, a step of {duration / MAXIMUM_COUNT:.3g} s or more"
             )
         count = max(1, math.ceil(ratio * (1.0 - SNAP)))
-        length = duration / count
-        if not length <= MAXIMUM_LENGTH:
-            raise InputError(f"fluid.step = {step:g} s: accepted: steps of at most {MAXIMUM_LENGTH:g} s")
-        return cls(count, length)
+        return cls(count, duration / count)
 
     def interval(self, index: int) -> Interval:
         """The span of plant time of a step, counted from 0."""

@@ -26,8 +26,6 @@ class Transpiration(Stage):
     name = "transpiration"
     purpose = "water lost through stomata and cuticle"
     rate = "fluid step"
-    kernels = (transpire,)
-    writes = ("water",)
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)

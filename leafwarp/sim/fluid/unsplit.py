@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
-from leafwarp.sim.fluid.lines import LineSolves, line_arrays, upload_conductance
+from leafwarp.sim.fluid.lines import LineSolves, diffusion_supply, line_arrays, upload_conductance
+from leafwarp.sim.fluid.spans import line_spans
 from leafwarp.sim.fluid.steps import FluidSteps, NotConverged
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.stage import Interval, Stage
@@ -21,8 +24,8 @@ from leafwarp_kernels.conjugate_gradients import (
     update_direction,
     update_solution,
 )
-from leafwarp_kernels.tridiagonal import eliminate_lines, solve_lines
 from leafwarp_kernels.unsplit import (
+    apply_exchange,
     apply_system,
     choose_shift,
     direction_diagonals,
@@ -36,11 +39,20 @@ MAXIMUM_ITERATIONS = 5000
 ITERATIONS_PER_LOOK = 8
 
 
+class _Step(NamedTuple):
+    """The launches of a step: at its start, in each iteration and at its end."""
+
+    start: list[Command]
+    iteration: list[Command]
+    finish: list[Command]
+
+
 class UnsplitDiffusion(Stage):
     """One implicit step along rows and columns at once, by conjugate gradients.
 
     The residual is brought below ``fluid.tolerance`` times the norm of the contents (float64: its square),
-    which bounds the relative error of the contents in the same norm.
+    which bounds the relative error of the contents in the same norm. Without a source the content of the whole
+    leaf is exact; while one is open, what is missing in it counts as added by the source.
 
     Attributes:
         iterations: Conjugate gradient iterations so far.
@@ -50,26 +62,6 @@ class UnsplitDiffusion(Stage):
     name = "unsplit_diffusion"
     purpose = "water flows along veins and lamina: rows and columns at once"
     rate = "fluid step"
-    kernels = (
-        direction_diagonals,
-        eliminate_lines,
-        start_residual,
-        start_iteration,
-        solve_lines,
-        preconditioned_product,
-        improve_direction,
-        update_direction,
-        apply_system,
-        choose_step_length,
-        update_solution,
-        measure_residual,
-        sum_coupled_water,
-        choose_shift,
-        shift_water,
-    )
-    writes = ("water",)
-    # With a single iteration; each further one launches nine kernels more.
-    launches = 14
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
@@ -90,48 +82,62 @@ class UnsplitDiffusion(Stage):
             ArraySpec("unsplit_solver", (SLOT_COUNT,), "float64", "numbers of the conjugate gradients"),
             ArraySpec("unsplit_shift", (1,), "float64", "error of the mean content"),
         )
+        self._supply = diffusion_supply(scene, leaf, directions="x", lines_mix=True)
+        if self._supply is not None:
+            span = ArraySpec("source_span", (shape[0], 2), "int32", "first source cell of each row and after its last")
+            self.purpose += ", fed at the petiole base"
+            self.arrays += (*self._supply.arrays, span)
 
     def bind(self, state: State) -> None:
         time_step = FluidSteps.of(self.scene).length
         shape = self.leaf.mask.shape
         upload_conductance(self.scene, self.leaf, state, time_step)
         faces, diagonals = ["conductance_x", "conductance_y"], ["diagonal_x", "diagonal_y"]
-        state.record(direction_diagonals, shape, [*faces, time_step], diagonals).run()
+        exchange = None
+        if self._supply is not None:
+            self._supply.bind(state)
+            exchange = "source_exchange"
+        self._diagonals = state.record(direction_diagonals, shape, [*faces, exchange, time_step], diagonals)
+        self._diagonals.run()
         rows_solve = LineSolves(state, "x", time_step, "diagonal_y")
         columns_solve = LineSolves(state, "y", time_step, "diagonal_x")
-        rows, record = shape[0], state.record
-        self._solver = state["unsplit_solver"]
-        self._iterations_per_look = ITERATIONS_PER_LOOK if state.device.is_cuda else 1
-        self._start = [
-            record(
-                start_residual,
-                rows,
-                ["water", *faces, *diagonals, "row_span", time_step],
-                ["unsplit_residual", "unsplit_direction", "unsplit_row_sum"],
-            ),
-            record(start_iteration, 1, ["unsplit_row_sum", self._tolerance], ["unsplit_solver"]),
-        ]
+        self._solves = (rows_solve, columns_solve)
         precondition = [
             rows_solve.record("unsplit_residual", "unsplit_row_solution"),
             columns_solve.record("unsplit_residual", "unsplit_column_solution"),
         ]
-        self._iteration = precondition + self._record_iteration(state, [*faces, "row_span", time_step])
-        self._finish = [
-            record(sum_coupled_water, rows, ["water", *diagonals, "row_span"], ["unsplit_row_sum"]),
-            record(choose_shift, 1, ["unsplit_row_sum"], ["unsplit_shift"]),
-            record(shift_water, rows, [*diagonals, "row_span", "unsplit_shift"], ["water"]),
-        ]
-        self.commands = [*self._start, *self._iteration, *self._finish]
+        start = self._record_start(state, [*faces, *diagonals, "row_span", time_step])
+        search, advance = self._record_iteration(state, [*faces, "row_span", time_step])
+        self._alone = _Step(start, [*precondition, *search, *advance], self._record_shift(state, diagonals))
+        step = self._alone
+        if self._supply is not None:
+            fill, count = self._supply.record("x")
+            exchange = self._record_exchange(state)
+            step = self._fed = _Step([fill, *start], [*precondition, *search, exchange, *advance], [count])
+        self.commands = [*step.start, *step.iteration, *step.finish]
+        self._solver = state["unsplit_solver"]
+        self._iterations_per_look = ITERATIONS_PER_LOOK if state.device.is_cuda else 1
 
-    def _record_iteration(self, state: State, system: list) -> list[Command]:
+    def _record_start(self, state: State, system: list) -> list[Command]:
+        rows, record = self.leaf.mask.shape[0], state.record
+        outputs = ["unsplit_residual", "unsplit_direction", "unsplit_row_sum"]
+        return [
+            record(start_residual, rows, ["water", *system], outputs),
+            record(start_iteration, 1, ["unsplit_row_sum", self._tolerance], ["unsplit_solver"]),
+        ]
+
+    def _record_iteration(self, state: State, system: list) -> tuple[list[Command], list[Command]]:
+        """An iteration up to the image of the search direction, and the rest of it."""
         rows, record = self.leaf.mask.shape[0], state.record
         solved = ["unsplit_row_solution", "unsplit_column_solution"]
         image = "unsplit_row_solution"
-        return [
+        search = [
             record(preconditioned_product, rows, ["unsplit_residual", *solved, "row_span"], ["unsplit_row_sum"]),
             record(improve_direction, 1, ["unsplit_row_sum"], ["unsplit_solver"]),
             record(update_direction, rows, [*solved, "row_span", "unsplit_solver"], ["unsplit_direction"]),
             record(apply_system, rows, ["unsplit_direction", *system], [image, "unsplit_row_sum"]),
+        ]
+        advance = [
             record(choose_step_length, 1, ["unsplit_row_sum"], ["unsplit_solver"]),
             record(
                 update_solution,
@@ -141,6 +147,21 @@ class UnsplitDiffusion(Stage):
             ),
             record(measure_residual, 1, ["unsplit_row_sum"], ["unsplit_solver"]),
         ]
+        return search, advance
+
+    def _record_exchange(self, state: State) -> Command:
+        state.upload("source_span", line_spans(self._supply.is_source))
+        inputs = ["unsplit_direction", "source_exchange", "source_span"]
+        outputs = ["unsplit_row_solution", "unsplit_row_sum"]
+        return state.record(apply_exchange, self.leaf.mask.shape[0], inputs, outputs)
+
+    def _record_shift(self, state: State, diagonals: list[str]) -> list[Command]:
+        rows, record = self.leaf.mask.shape[0], state.record
+        return [
+            record(sum_coupled_water, rows, ["water", *diagonals, "row_span"], ["unsplit_row_sum"]),
+            record(choose_shift, 1, ["unsplit_row_sum"], ["unsplit_shift"]),
+            record(shift_water, rows, [*diagonals, "row_span", "unsplit_shift"], ["water"]),
+        ]
 
     def run(self, interval: Interval | None = None) -> None:
         """Do one step.
@@ -148,16 +169,28 @@ class UnsplitDiffusion(Stage):
         Raises:
             NotConverged: The residual is not below the tolerance after :data:`MAXIMUM_ITERATIONS`.
         """
-        for command in self._start:
+        step = self._alone
+        if self._supply is not None:
+            if self._supply.update(interval):
+                self._factorise()
+            if self._supply.open_for > 0.0:
+                step = self._fed
+        for command in step.start:
             command.run()
         for _ in range(0, MAXIMUM_ITERATIONS, self._iterations_per_look):
             if not self._above_tolerance():
                 break
-            for command in self._iteration * self._iterations_per_look:
+            for command in step.iteration * self._iterations_per_look:
                 command.run()
         self._check()
-        for command in self._finish:
+        for command in step.finish:
             command.run()
+
+    def _factorise(self) -> None:
+        """Make the preconditioner anew, after the source's exchange has changed."""
+        self._diagonals.run()
+        for solve in self._solves:
+            solve.eliminate()
 
     def _above_tolerance(self) -> bool:
         numbers = self._solver.numpy()

@@ -22,9 +22,8 @@ class Water(Stage):
     name = "water"
     purpose = "water map at the frame's plant time, between the last two fluid steps"
     rate = "frame"
-    kernels = (interpolate_water,)
-    reads = ("water",)
-    writes = ("water_now",)
+    host_reads = ("water",)
+    host_writes = ("water_before",)
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
