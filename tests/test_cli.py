@@ -49,8 +49,9 @@ def test_run_writes_usd_texture_and_report(finished: Path) -> None:
     ledger = report["fluid"]["ledger"]
     assert ledger["now"] < ledger["start"] == 1.0
     assert abs(ledger["error"]) < 1e-6
-    for group in ("prepare", "fluid", "coupling", "motion", "frame", "usd"):
-        assert report["milliseconds_per_frame"][group] > 0.0
+    for stage in ("transpiration", "split_diffusion", "sample_water", "rest_lengths", "mass", "motion", "frame", "usd"):
+        assert report["milliseconds_per_frame"][stage] > 0.0
+    assert report["seconds"]["total"] > report["seconds"]["prepare"] > 0.0
     assert report["memory"]["peak_bytes"] > report["memory"]["arrays_bytes"] > 0
     assert report["substeps"]["most"] >= report["substeps"]["least"] >= 1
 

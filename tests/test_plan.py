@@ -73,8 +73,7 @@ def census(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict]:
 def test_the_smallest_scene_compiles_only_its_kernels(census) -> None:
     still, bramble = census["still"]["kernels"], census["bramble"]["kernels"]
     assert still == [
-        f"leafwarp_kernels.{name}"
-        for name in ("edge_springs", "external_forces", "integration", "normals", "response", "stable_step")
+        f"leafwarp_kernels.{name}" for name in ("edge_springs", "integration", "normals", "response", "stable_step")
     ]
     assert set(still) < set(bramble)
     assert {f"leafwarp_kernels.{name}" for name in ("tridiagonal", "angular_springs", "sampling")} <= set(bramble)
@@ -102,8 +101,8 @@ def test_what_is_allocated_is_what_was_planned(census, name: str) -> None:
 
 def test_launches_are_those_of_the_plan(census) -> None:
     still = census["still"]
-    # Two readings of normals and, for the second frame: rest lengths, mass, three for the stable step (its bound
-    # before and after, and the check), and edge springs, air and integration a substep.
+    # Two readings of normals and, for the second frame: rest lengths, mass, five for the stable step (bound and stretch
+    # before and after, and the way gone), and edge springs and integration a substep.
     assert still["launches"] == 2 + 2 + 5 + 2 * sum(still["substeps"])
     per_substep = 6  # edge springs, hinges, their gather, gravity, air, integration
     bramble = census["bramble"]
@@ -131,16 +130,16 @@ def test_what_a_stage_reads_comes_from_somewhere(variant: str, scene_leaf) -> No
     written = {array for stage in stages for array in stage["writes"]}
     for stage in stages:
         assert set(stage["reads"]) | set(stage["writes"]) <= declared
-        # What is read and nobody writes is a table of the motion, shared by its stages and filled once.
+        # What is read and nobody writes is a table, filled once and shared.
         tables = set(stage["reads"]) - written
         owners = {other["name"] for other in stages if tables & set(other["arrays"])}
-        assert owners <= {"edge_springs", "angular_springs", "paper_bending", "integration", *FLUID_TABLES}, tables
+        assert owners <= {*TABLES, "unsplit_diffusion"}, tables
     assert {"water_now", "position", "edge_rest_length"} & written
     assert {s.name for s in plan.stages} | set(plan.left_out) == {c.name for c in CANDIDATES}
     assert not {s.name for s in plan.stages} & set(plan.left_out)
 
 
-FLUID_TABLES = ("source", "split_diffusion", "unsplit_diffusion", "water")
+TABLES = ("stencils", "edge_springs", "angular_springs", "paper_bending", "integration", "split_diffusion", "water")
 
 
 def test_every_package_is_shipped() -> None:

@@ -62,11 +62,16 @@ class Simulation:
             return None
         from leafwarp.sim.fluid import Fluid
 
-        return Fluid(self.scene, self.leaf, self.state, self.plan.groups["fluid"])
+        return Fluid(self.scene, self.leaf, self.state, self.plan.groups["fluid"], self.watch)
 
     def stage(self, name: str) -> Stage | None:
         """The stage of a name, or None where the scene does not ask for it."""
         return next((stage for stage in self.plan.stages if stage.name == name), None)
+
+    def group_seconds(self, group: str) -> float:
+        """Wall time spent in the stages of a group so far [s]."""
+        names = {stage.name for stage in self.plan.groups[group]}
+        return sum(seconds for name, seconds in self.watch.seconds.items() if name in names)
 
     def plant_time(self, frame: int) -> float:
         """Plant time of a frame [s]."""
@@ -95,8 +100,7 @@ class Simulation:
         """
         interval = Interval(self.plant_time(frame - 1), self.plant_time(frame))
         if self.fluid is not None:
-            with self.watch("fluid"):
-                self.fluid.advance(interval.end, frame)
+            self.fluid.advance(interval.end, frame)
         self._couple(interval)
         with self.watch("motion"):
             self.substeps.append(self.motion.advance(1.0 / self.scene.time.fps, frame))

@@ -154,7 +154,10 @@ def run_trial(scene: Scene, leaf: Leaf, setting: Setting, device: str, deadline:
         setting=setting,
         points=np.stack(points),
         water=np.stack(water),
-        seconds=dict(simulation.watch.seconds),
+        seconds={
+            **{name: simulation.watch.seconds.get(name, 0.0) for name in ("start", "settle", "motion", "frame")},
+            **{group: simulation.group_seconds(group) for group in ("fluid", "coupling")},
+        },
         fluid_steps=simulation.fluid.steps_done,
         fluid_step=simulation.fluid.steps.length,
         substeps=sum(simulation.substeps),

@@ -14,6 +14,7 @@ from leafwarp.sim.fluid.steps import FluidSteps, NotConverged
 from leafwarp.sim.fluid.water import Water
 from leafwarp.sim.launch import State
 from leafwarp.sim.stage import Stage
+from leafwarp.stopwatch import Stopwatch
 
 
 @dataclass(frozen=True)
@@ -49,12 +50,14 @@ class Fluid:
         leaf: The leaf.
         state: Holds the arrays of the stages.
         stages: The bound stages of the fluid, in the order in which they run.
+        watch: Where the time of each stage is counted; None for nowhere.
     """
 
-    def __init__(self, scene: Scene, leaf: Leaf, state: State, stages: Sequence[Stage]):
+    def __init__(self, scene: Scene, leaf: Leaf, state: State, stages: Sequence[Stage], watch: Stopwatch | None = None):
         self.steps = FluidSteps.of(scene)
         self.steps_done = 0
         self._state = state
+        self._watch = watch or Stopwatch()
         self._cell_count = max(1, int(leaf.mask.sum()))
         self._water = next(stage for stage in stages if isinstance(stage, Water))
         self._stages = [stage for stage in stages if stage.rate == "fluid step"]
@@ -79,14 +82,16 @@ class Fluid:
             if index == begun - 1 and share < 1.0:
                 self._water.keep()
             self._step(index, frame)
-        self._water.blend(share)
+        with self._watch(self._water.name):
+            self._water.blend(share)
         return count
 
     def _step(self, index: int, frame: int) -> None:
         interval = self.steps.interval(index)
         for stage in self._stages:
             try:
-                stage.run(interval)
+                with self._watch(stage.name):
+                    stage.run(interval)
             except NotConverged as error:
                 raise SimulationError(frame, stage.name, str(error)) from None
         self.steps_done = index + 1
