@@ -197,6 +197,6 @@ def main(arguments: Sequence[str] | None = None) -> int:
         # A closed pipe is no news to the one who closed it; anything else is.
         if not isinstance(error, BrokenPipeError):
             print(f"leafwarp: {error.filename or 'stdout'}: {error.strerror}", file=sys.stderr)
-        sys.stdout = open(os.devnull, "w")  # noqa: SIM115 - so that the flush at exit has somewhere to go
+        sys.stdout = open(os.devnull, "w")  # the flush at exit has somewhere to go
         return 1
     return 0

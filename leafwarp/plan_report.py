@@ -2,11 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.report import mesh_report
 from leafwarp.scene import Scene
+
+if TYPE_CHECKING:
+    from leafwarp.sim.simulation import Simulation
+
+# Up to this conductance times step, a row-column step carries water along a diagonal vein nearly as it should.
+SPLIT_BETA = 5.0
 
 
 def plan_report(scene: Scene, device: str) -> dict[str, Any]:
@@ -39,11 +45,25 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
         "mesh": mesh_report(simulation),
         "map": list(scene.maps.shape) if scene.map_names else None,
         "fluid_steps": fluid_steps,
+        "largest_beta": _largest_beta(simulation),
         "substeps_per_frame": substeps,
         "bytes": plan.byte_count,
         "stages": plan.describe(runs),
         "left_out": [{"name": name, "reason": reason} for name, reason in plan.left_out.items()],
     }
+
+
+def _largest_beta(simulation: Simulation) -> float | None:
+    """Largest conductance times fluid step of two neighbouring cells, which the splitting error grows with."""
+    if simulation.fluid is None:
+        return None
+    step = simulation.fluid.steps.length
+    rates = (
+        simulation.state[f"conductance_{axis}"].numpy().max()
+        for axis in "xy"
+        if f"conductance_{axis}" in simulation.state
+    )
+    return max((float(rate) * step for rate in rates), default=0.0)
 
 
 def print_plan(report: dict[str, Any]) -> None:
@@ -58,6 +78,12 @@ def print_plan(report: dict[str, Any]) -> None:
         f"{cells}{report['fluid_steps']} fluid steps, {report['substeps_per_frame']} motion substeps in the first "
         f"frame, {report['precision']} on {report['device']}, {report['bytes'] / 1e6:.2f} MB of arrays"
     )
+    beta = report["largest_beta"]
+    if beta is not None and beta > SPLIT_BETA and any(s["name"] == "split_diffusion" for s in report["stages"]):
+        print(
+            f"the split scheme throttles diagonal veins where beta is above about {SPLIT_BETA:g}: here it reaches {beta:.3g}; "
+            'a shorter fluid.step or fluid.scheme = "unsplit" helps, and the verb tradeoff measures by how much'
+        )
     print(f"\n{'stage':<18} {'runs once a':<11} {'launches/frame':>14} {'kB':>8}  what it does")
     for stage in report["stages"]:
         print(
