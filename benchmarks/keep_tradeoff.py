@@ -35,7 +35,7 @@ def describe(result: dict) -> str:
         f"error: root mean square, as a share of the leaf's length.{doubt}\n\n"
         f"{markdown(measured)}\n"
         f"Left out for want of budget: {len(rows) - len(measured)} of {len(rows)} settings.\n\n"
-        f"Command: `python -m leafwarp tradeoff scenes/{result['scene']}.toml -o DIR --budget \"{budget}\"`. "
+        f'Command: `python -m leafwarp tradeoff scenes/{result["scene"]}.toml -o DIR --budget "{budget}"`. '
         f"Machine, shared with other work: {describe_machine(result['device']['alias'])}.\n"
     )
 

@@ -109,7 +109,7 @@ def _arriving_signals() -> Iterator[list[int]]:
 
 def _run(arguments: argparse.Namespace) -> None:
     from leafwarp.run import output_paths, run_scene
-    from leafwarp.scene import load_scene
+    from leafwarp.scene_file import load_scene
 
     scene = load_scene(arguments.scene, arguments.set)
     first, last = arguments.frames or (1, scene.time.frames)
@@ -141,7 +141,7 @@ def _run(arguments: argparse.Namespace) -> None:
 
 def _plan(arguments: argparse.Namespace) -> None:
     from leafwarp.plan_report import plan_report, print_plan
-    from leafwarp.scene import load_scene
+    from leafwarp.scene_file import load_scene
 
     report = plan_report(load_scene(arguments.scene, arguments.set), arguments.device)
     if arguments.json:
@@ -151,7 +151,7 @@ def _plan(arguments: argparse.Namespace) -> None:
 
 
 def _tradeoff(arguments: argparse.Namespace) -> None:
-    from leafwarp.scene import load_scene
+    from leafwarp.scene_file import load_scene
     from leafwarp.study.tradeoff import run_tradeoff
 
     table = run_tradeoff(

@@ -81,8 +81,8 @@ def print_plan(report: dict[str, Any]) -> None:
     beta = report["largest_beta"]
     if beta is not None and beta > SPLIT_BETA and any(s["name"] == "split_diffusion" for s in report["stages"]):
         print(
-            f"the split scheme throttles diagonal veins where beta is above about {SPLIT_BETA:g}: here it reaches {beta:.3g}; "
-            'a shorter fluid.step or fluid.scheme = "unsplit" helps, and the verb tradeoff measures by how much'
+            f"the split scheme throttles diagonal veins where beta is above about {SPLIT_BETA:g}: here it reaches "
+            f"{beta:.3g}; a shorter fluid.step or fluid.scheme = 'unsplit' helps, and tradeoff measures how much"
         )
     print(f"\n{'stage':<18} {'runs once a':<11} {'launches/frame':>14} {'kB':>8}  what it does")
     for stage in report["stages"]:

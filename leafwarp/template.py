@@ -10,7 +10,7 @@ from pathlib import Path
 from leafwarp.errors import InputError
 from leafwarp.files import write_text
 from leafwarp.prepare import prepare_scene_leaf
-from leafwarp.scene import parse_scene
+from leafwarp.scene_file import parse_scene
 
 TEMPLATE = """\
 # A leaf that dries over a day. Every key and its unit: python -m leafwarp schema

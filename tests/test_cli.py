@@ -127,6 +127,63 @@ def test_plan_json_lists_stages_and_what_is_left_out(small_scene: Path, capsys) 
     assert plan["substeps_per_frame"] >= 1
 
 
+def test_a_frame_that_cannot_be_computed_is_named_and_those_before_are_kept(
+    small_scene: Path, tmp_path: Path, capsys
+) -> None:
+    from pxr import Usd, UsdGeom
+
+    limit = ["--set", "solver.maximum_substeps=2"]
+    assert main(["run", str(small_scene), "-o", str(tmp_path), "-q", *limit]) == 1
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("leafwarp: frame 2: motion: needs ") and "solver.maximum_substeps = 2" in err
+    assert len(err.splitlines()) == 1
+    stage = Usd.Stage.Open(str(tmp_path / "small.usd"))
+    mesh = UsdGeom.Mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))
+    assert mesh.GetPointsAttr().GetTimeSamples() == [1.0]
+
+
+def test_results_never_replace_the_scenes_own_images(small_scene: Path, tmp_path: Path, capsys) -> None:
+    import shutil
+
+    shutil.copy(small_scene.with_name("drawn.png"), tmp_path / "small_texture.png")
+    before = (tmp_path / "small_texture.png").read_bytes()
+    image = ["--set", f"leaf.image='{tmp_path / 'small_texture.png'}'", "--overwrite"]
+    assert "is an image of the scene" in refused(capsys, "run", small_scene, "-o", tmp_path, *image)
+    assert (tmp_path / "small_texture.png").read_bytes() == before
+
+
+@pytest.mark.parametrize("name", ["leaf.usdz", "leaf.abc", "back\\slash.usd"])
+def test_names_that_no_usd_can_have_are_refused(name: str, small_scene: Path, tmp_path: Path, capsys) -> None:
+    assert "-o " in refused(capsys, "run", small_scene, "-o", f"{tmp_path}/{name}")
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_the_usd_holds_what_the_simulation_computed(finished: Path, small_scene: Path) -> None:
+    import numpy as np
+    from pxr import Usd, UsdGeom
+
+    from leafwarp.prepare import prepare_scene_leaf
+    from leafwarp.scene_file import load_scene
+    from leafwarp.sim.simulation import Simulation
+    from leafwarp.usd.check import check_usd
+
+    assert check_usd(finished / "small.usd") == []
+    stage = Usd.Stage.Open(str(finished / "small.usd"))
+    mesh = UsdGeom.Mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))
+    primvars = UsdGeom.PrimvarsAPI(mesh)
+    scene = load_scene(small_scene)
+    for frame in Simulation(scene, prepare_scene_leaf(scene, None)).frames():
+        for attribute, expected in (
+            (mesh.GetPointsAttr(), frame.points),
+            (mesh.GetNormalsAttr(), frame.normals),
+            (mesh.GetVelocitiesAttr(), frame.velocities),
+            (primvars.GetPrimvar("water"), frame.water),
+            (primvars.GetPrimvar("displayColor"), frame.color),
+        ):
+            np.testing.assert_array_equal(np.array(attribute.Get(frame.index)), expected)
+
+
 def test_new_writes_a_scene_that_runs_at_once(photo: Path, tmp_path: Path, capsys) -> None:
     scene = tmp_path / "mine.toml"
     assert main(["new", str(photo), "-o", str(scene), "--length", "7 cm"]) == 0

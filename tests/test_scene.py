@@ -9,7 +9,8 @@ import pytest
 
 from leafwarp.errors import InputError
 from leafwarp.quantity import UNITS, parse_quantity
-from leafwarp.scene import Scene, load_scene
+from leafwarp.scene import Scene
+from leafwarp.scene_file import load_scene
 
 SCENES = Path(__file__).parent.parent / "scenes"
 

@@ -9,7 +9,8 @@ import pytest
 
 from conftest import SCENES
 from leafwarp.leaf.mesh import check_disc
-from leafwarp.scene import Scene, load_scene
+from leafwarp.scene import Scene
+from leafwarp.scene_file import load_scene
 from leafwarp.sim.simulation import Simulation
 
 # Tables I of the paper: vertices, triangles, edge springs, angular springs.

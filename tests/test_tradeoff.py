@@ -11,7 +11,7 @@ import pytest
 
 from leafwarp.cli import main
 from leafwarp.errors import InputError
-from leafwarp.scene import load_scene
+from leafwarp.scene_file import load_scene
 from leafwarp.study import tradeoff
 from leafwarp.study.metrics import (
     errors_fall_with_the_step,
@@ -226,7 +226,7 @@ def test_a_reference_that_finer_steps_move_away_from_is_not_converged() -> None:
 
 def test_water_error_is_weighted_by_area() -> None:
     reference = np.array([[1.0, 1.0], [0.5, 0.5]])
-    water = reference + [[0.0, 0.1], [0.0, 0.1]]
+    water = reference + np.array([[0.0, 0.1], [0.0, 0.1]])
     areas = np.array([3.0, 1.0])
     assert relative_water_error(water, reference, areas) == pytest.approx(np.sqrt(0.02 / 5.0))
     assert largest_water_error(water, reference) == pytest.approx(0.1)

@@ -14,6 +14,7 @@ points                  where they lie on the map
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
 from typing import ClassVar
 
 import numpy as np
@@ -176,7 +177,7 @@ class PrescribedWater(Stage):
             samples.fill_(self.content(interval.end))
 
 
-class _Response(Stage):
+class _Response(Stage, ABC):
     """Makes one parameter of the structure follow the water at some points through a response curve."""
 
     rate = "frame"
@@ -193,13 +194,13 @@ class _Response(Stage):
             ArraySpec(f"{name}_response_start", (count,), "real", f"response of {name} to the water at the start"),
         )
 
+    @abstractmethod
     def curve(self) -> Curve:
         """The response curve."""
-        raise NotImplementedError
 
+    @abstractmethod
     def start_and_gain(self, water: np.ndarray, venation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """The parameter at the start and its gain, from water at the start and venation; all [point_count]."""
-        raise NotImplementedError
 
     def bind(self, state: State) -> None:
         name, samples = self.parameter, f"{self.points}_water"
