@@ -19,7 +19,7 @@ _PLACES = {
     "Leaf": "leafwarp.leaf.leaf",
     "prepare_leaf": "leafwarp.leaf",
     "Simulation": "leafwarp.sim.simulation",
-    "Frame": "leafwarp.sim.frame",
+    "Frame": "leafwarp.frame",
     "run_scene": "leafwarp.run",
 }
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 
 from leafwarp.errors import InputError, OutputError
+from leafwarp.frame import Frame
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.render.color import to_linear, to_srgb
 from leafwarp.render.contact_sheet import ContactSheet, _lowest, _time_labels, choose_frames
 from leafwarp.render.layout import TALLEST, WIDEST, arrange
 from leafwarp.render.renderer import LIGHT, PAPER, LeafRenderer
 from leafwarp.render.water_picture import WaterPicture, water_colors
-from leafwarp.sim.frame import Frame
 from meshes import leaf_of, mesh_of, strip
 
 ABOVE = (0.0, 0.0, 1.0)

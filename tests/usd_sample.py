@@ -14,8 +14,8 @@ from pathlib import Path
 
 import numpy as np
 
+from leafwarp.frame import Frame
 from leafwarp.leaf.leaf import Leaf, LeafMesh, MapFrame
-from leafwarp.sim.frame import Frame
 
 FPS = 30.0  # not USD's default of 24: a time code must not be rescaled by it
 

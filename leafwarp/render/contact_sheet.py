@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 
 from leafwarp.errors import OutputError
+from leafwarp.frame import Frame
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.render.camera import checked_points, seen_size
 from leafwarp.render.layout import FOOTER, MARGIN, Layout, arrange
 from leafwarp.render.renderer import PAPER, VIEW, LeafRenderer, ground_height, shadow_points
 from leafwarp.render.water_picture import WaterPicture, water_colors
-from leafwarp.sim.frame import Frame
 
 INK = (44, 42, 40)
 FAINT_INK = (120, 116, 110)

@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from leafwarp.frame import Frame
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.adjacency import vertex_to_slots
-from leafwarp.sim.frame import Frame
 from leafwarp.sim.launch import ArraySpec, State
 from leafwarp.sim.stage import Stage
 from leafwarp_kernels.normals import vertex_normals

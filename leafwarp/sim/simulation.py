@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import warp as wp
 
+from leafwarp.frame import Frame
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
-from leafwarp.sim.frame import Frame
 from leafwarp.sim.launch import State
 from leafwarp.sim.motion import Motion, Settled
 from leafwarp.sim.plan import Plan, make_plan

@@ -9,7 +9,7 @@ import numpy as np
 from pxr import Sdf, Vt
 
 from leafwarp.errors import SimulationError
-from leafwarp.sim.frame import Frame
+from leafwarp.frame import Frame
 
 LEAF_PATH = Sdf.Path("/Leaf")
 GEOMETRY_PATH = LEAF_PATH.AppendChild("geo")

@@ -16,8 +16,8 @@ import numpy as np
 from pxr import Sdf
 
 from leafwarp.errors import InputError, OutputError
+from leafwarp.frame import Frame
 from leafwarp.leaf.leaf import Leaf
-from leafwarp.sim.frame import Frame
 from leafwarp.usd.attributes import UP_AXES, animated_attributes, frame_values
 from leafwarp.usd.files import Files, reported
 from leafwarp.usd.layers import (
