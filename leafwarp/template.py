@@ -24,7 +24,7 @@ length = {length}            # petiole base to farthest point: measure yours
 vertices = 1700              # more is finer and slower
 
 [maps]
-size = 256                   # cells of the water map: a number, or [width, height]
+size = 128                   # cells of the water map: a number, or [width, height]
 # venation = "veins.png"     # your own maps instead of automatic ones; so for stomata, water, source
 
 [time]
@@ -33,7 +33,8 @@ frames = 120                 # ... shown in so many frames
 fps = 24
 
 [fluid]                      # water flows along the veins and seeps between them
-step = "30 s"                # shorter is more accurate and slower: python -m leafwarp tradeoff measures it
+step = "15 s"                # shorter is more accurate and slower: python -m leafwarp tradeoff measures it
+# scheme = "unsplit"         # no error along diagonal veins; then "4 min" is accurate enough, and takes ten times longer
 lamina_diffusivity = 5e-10   # m^2/s
 vein_diffusivity = 1.5e-5    # m^2/s
 

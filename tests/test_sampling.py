@@ -1,4 +1,4 @@
-"""Sampling of maps at points: bilinear over leaf cells only (oracle b3)."""
+"""Sampling of maps at points: bilinear over leaf cells only."""
 
 from __future__ import annotations
 

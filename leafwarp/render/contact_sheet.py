@@ -22,7 +22,8 @@ FAINT_INK = (120, 116, 110)
 RULE = (222, 219, 212)
 SAMPLES = 4
 LEAF_MARGIN = 0.03  # of the pictures of the leaf
-SIDE_VIEW = (0.82, -0.28, 0.50)
+RISING_VIEW = (0.82, -0.28, 0.50)  # from the side: the face of a leaf that curls up is turned to the base
+DROOPING_VIEW = (0.70, 0.42, 0.58)  # from beyond the tip, which the face of a drooping leaf is turned to
 SIDE_VIEW_HEIGHT = 0.3  # of the leaf's length
 FULL_TINT = 0.20  # change of the display colour, linear RGB, at which the leaf has it wholly
 SCALE_BAR_LENGTHS = tuple(factor * 10.0**power for power in range(-5, 3) for factor in (1, 2, 5))  # [m]
@@ -130,7 +131,9 @@ def _view(leaf: Leaf, poses: list[np.ndarray]) -> tuple[float, float, float]:
     """Direction from the leaf to the camera: from the side where the leaf rises or droops by a good part of its length,
     which from above would only look like a shorter leaf."""
     heights = np.concatenate([pose[:, 2] for pose in poses])
-    return SIDE_VIEW if np.ptp(heights) > SIDE_VIEW_HEIGHT * leaf.length else VIEW
+    if np.ptp(heights) <= SIDE_VIEW_HEIGHT * leaf.length:
+        return VIEW
+    return RISING_VIEW if heights.max() > -heights.min() else DROOPING_VIEW
 
 
 def _room(poses: list[np.ndarray], view: tuple[float, float, float]) -> tuple[float, float]:
