@@ -34,7 +34,7 @@ fps = 24
 
 [fluid]                      # water flows along the veins and seeps between them
 step = "15 s"                # shorter is more accurate and slower: python -m leafwarp tradeoff measures it
-# scheme = "unsplit"         # no error along diagonal veins; then "4 min" is accurate enough, and takes ten times longer
+# scheme = "unsplit"         # no error along diagonal veins; then "4 min" is accurate, and ten times slower
 lamina_diffusivity = 5e-10   # m^2/s
 vein_diffusivity = 1.5e-5    # m^2/s
 

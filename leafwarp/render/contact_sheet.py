@@ -133,7 +133,8 @@ def _view(leaf: Leaf, poses: list[np.ndarray]) -> tuple[float, float, float]:
     heights = np.concatenate([pose[:, 2] for pose in poses])
     if np.ptp(heights) <= SIDE_VIEW_HEIGHT * leaf.length:
         return VIEW
-    return RISING_VIEW if heights.max() > -heights.min() else DROOPING_VIEW
+    tip = int(np.argmax(np.linalg.norm(leaf.mesh.positions, axis=1)))
+    return RISING_VIEW if max(pose[tip, 2] for pose in poses) > poses[0][tip, 2] else DROOPING_VIEW
 
 
 def _room(poses: list[np.ndarray], view: tuple[float, float, float]) -> tuple[float, float]:
