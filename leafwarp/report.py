@@ -58,12 +58,14 @@ def make_report(
 
     Args:
         simulation: The simulation after its last frame.
-        seconds: Wall time by stage [s].
+        seconds: Wall time by stage [s]; that of "motion" is shared out among its stages.
         frame_seconds: Wall time of each frame [s].
         total: Wall time of everything [s].
     """
     scene, substeps, device = simulation.scene, simulation.substeps, simulation.state.device
     count = max(len(frame_seconds), 1)
+    motion = seconds.get("motion", 0.0)
+    seconds = seconds | {name: share * motion for name, share in simulation.motion.stage_shares().items()}
     return {
         "scene": scene.name,
         "versions": package_versions(),

@@ -51,6 +51,10 @@ def test_run_writes_usd_texture_and_report(finished: Path) -> None:
     assert abs(ledger["error"]) < 1e-6
     for stage in ("transpiration", "split_diffusion", "sample_water", "rest_lengths", "mass", "motion", "frame", "usd"):
         assert report["milliseconds_per_frame"][stage] > 0.0
+    substep = ("edge_springs", "angular_springs", "gravity", "air", "integration")
+    shares = [report["milliseconds_per_frame"][stage] for stage in substep]
+    assert min(shares) > 0.0
+    assert sum(shares) == pytest.approx(report["milliseconds_per_frame"]["motion"])
     assert report["seconds"]["total"] > report["seconds"]["prepare"] > 0.0
     assert report["memory"]["peak_bytes"] > report["memory"]["arrays_bytes"] > 0
     assert report["substeps"]["most"] >= report["substeps"]["least"] >= 1

@@ -301,6 +301,20 @@ def test_bending_that_tears_the_membrane_is_refused(device, precision):
     assert stretch.max() < 3.1  # no frame that was let through shows it
 
 
+def test_shares_of_the_stages_leave_the_leaf_alone(device, precision):
+    rig = rig_of(scene_of(BENDING, {"gravity": [0, 0, -9.81]}), strip(columns=8), device, precision)
+    motion = rig.motion()
+    motion.advance(FRAME, 1)
+    before = [rig.get(name) for name in ("position", "velocity", "hinge_angle")]
+    launches = rig.state.launch_count
+    shares = motion.stage_shares()
+    assert sum(shares.values()) == pytest.approx(1.0)
+    assert set(shares) == {"edge_springs", "angular_springs", "gravity", "integration"}
+    assert rig.state.launch_count == launches
+    for name, values in zip(("position", "velocity", "hinge_angle"), before, strict=True):
+        np.testing.assert_array_equal(rig.get(name), values)
+
+
 def test_too_many_substeps_are_refused_with_a_remedy(device, precision):
     rig = rig_of(scene_of({"membrane_stiffness": 5e6}), strip(columns=8), device, precision)
     before = rig.get("position")
