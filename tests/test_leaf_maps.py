@@ -127,8 +127,9 @@ def test_automatic_veins_are_the_drawn_ones(leaf: tuple, map_size: tuple[int, in
     photo, outline, frame = leaf
     mask, maps = make_maps(photo, outline, frame, map_size, {"venation": "auto", "stomata": "auto"})
     veins = maps["venation"]
-    # Where even the petiole is narrower than two cells it is drawn wider and paler.
-    assert veins.min() == 0.0 and 0.7 < veins.max() <= 1.0 and (veins[~mask] == 0.0).all()
+    # On the coarsest map even petiole and midrib are narrower than two cells: drawn wider, and paler by as much.
+    least, midrib_least = (0.7, 0.15) if map_size == (128, 128) else (0.95, 0.3)
+    assert veins.min() == 0.0 and least < veins.max() <= 1.0 and (veins[~mask] == 0.0).all()
     np.testing.assert_allclose(maps["stomata"][mask], 1.0 - 0.8 * veins[mask])
 
     def at(points: np.ndarray) -> np.ndarray:
@@ -138,8 +139,7 @@ def test_automatic_veins_are_the_drawn_ones(leaf: tuple, map_size: tuple[int, in
     share = np.linspace(0.15, 0.75, 15)[:, None]
     lines = [start + share * (end - start) for start, end in vein_lines()]
     for number, line in enumerate(lines):
-        # On the coarsest map the midrib is half as wide as two cells, and so half as strong.
-        assert (at(line) > (0.15 if number == 0 else 0.01)).mean() >= 0.8, number
+        assert (at(line) > (midrib_least if number == 0 else 0.02)).mean() >= 0.8, number
     midrib = at(lines[0])
     assert midrib[0] > midrib[-1]  # Murray: the flow gathers towards the base
     between = np.array([[210.0 + side * 60.0, height - 50.0] for side in (-1, 1) for height in (195, 250, 305, 360)])

@@ -29,7 +29,7 @@ def shaken(device, precision, structure=BENDING, amount=0.25, leaf=None, **table
     return rig, rig.get("position")
 
 
-def close(actual, expected, precision, factor=1.0):
+def assert_close(actual, expected, precision, factor=1.0):
     np.testing.assert_allclose(actual, expected, rtol=0.0, atol=factor * ROUNDING[precision] * np.abs(expected).max())
 
 
@@ -37,7 +37,7 @@ def test_edge_forces_are_minus_the_gradient_of_the_energy(device, precision):
     rig, positions = shaken(device, precision)
     rest, stiffness = rig.get("edge_rest_length"), rig.get("edge_stiffness")
     expected = -gradient(lambda x: edge_energy(x, rig.leaf.mesh, rest, stiffness), positions, 1e-5)
-    close(rig.forces("edge_springs"), expected, precision, factor=100 if precision == "float64" else 1)
+    assert_close(rig.forces("edge_springs"), expected, precision, factor=100 if precision == "float64" else 1)
 
 
 @pytest.mark.parametrize("amount", [0.02, 0.3])
@@ -50,7 +50,7 @@ def test_hinge_forces_are_minus_the_gradient_of_the_energy(device, precision, am
         lambda x: hinge_energy(x, rig.leaf.mesh, rig.get("hinge_rest_angle"), stiffness), positions, 2e-6
     )
     # The finite difference itself is good to 1e-8 of the largest force.
-    close(rig.forces("angular_springs"), expected, precision, factor=1000 if precision == "float64" else 1)
+    assert_close(rig.forces("angular_springs"), expected, precision, factor=1000 if precision == "float64" else 1)
 
 
 def test_damping_forces_follow_the_rates_of_lengths_and_angles(device, precision):
@@ -66,7 +66,7 @@ def test_damping_forces_follow_the_rates_of_lengths_and_angles(device, precision
     expected = np.zeros_like(positions)
     np.add.at(expected, mesh.edges[:, 0], push)
     np.add.at(expected, mesh.edges[:, 1], -push)
-    close(rig.forces("edge_springs") - still["edge_springs"], expected, precision)
+    assert_close(rig.forces("edge_springs") - still["edge_springs"], expected, precision)
 
     # The moment of a hinge acts along the gradient of its angle.
     stiffness = rig.get("hinge_stiffness")
@@ -75,7 +75,7 @@ def test_damping_forces_follow_the_rates_of_lengths_and_angles(device, precision
     )
     rates = np.einsum("hij,ij->h", angle_gradients, speed)
     expected = -np.einsum("h,hij->ij", tau * stiffness * rates, angle_gradients)
-    close(
+    assert_close(
         rig.forces("angular_springs") - still["angular_springs"],
         expected,
         precision,
@@ -121,15 +121,15 @@ def test_forces_turn_with_the_leaf(device, precision):
     before = rig.forces("edge_springs", "angular_springs")
     turn = rotation([0.3, 1.0, 0.2], 1.3)
     rig.put(position=positions @ turn.T, velocity=rig.get("velocity") @ turn.T)
-    close(rig.forces("edge_springs", "angular_springs"), before @ turn.T, precision)
+    assert_close(rig.forces("edge_springs", "angular_springs"), before @ turn.T, precision)
 
 
 def test_gravity_and_air_are_their_formulas(device, precision):
     motion = {"gravity": [0.3, -1.0, -9.0], "drag": 4.0, "wind": [2.0, 0.5, -1.0]}
     rig, _ = shaken(device, precision, motion=motion)
     mass = rig.get("mass")[:, None]
-    close(rig.forces("gravity"), mass * np.array(motion["gravity"]), precision)
-    close(rig.forces("air"), -4.0 * mass * (rig.get("velocity") - np.array(motion["wind"])), precision)
+    assert_close(rig.forces("gravity"), mass * np.array(motion["gravity"]), precision)
+    assert_close(rig.forces("air"), -4.0 * mass * (rig.get("velocity") - np.array(motion["wind"])), precision)
 
 
 def test_edge_springs_overwrite_and_the_others_add(device, precision):
@@ -140,7 +140,7 @@ def test_edge_springs_overwrite_and_the_others_add(device, precision):
     rig.put(force=np.full((rig.leaf.mesh.vertex_count, 3), 1e9))
     for name in names:
         rig.stage(name).run()
-    close(rig.get("force"), parts, precision)
+    assert_close(rig.get("force"), parts, precision)
 
 
 def test_sums_are_the_same_bits_in_every_run(device, precision):

@@ -87,7 +87,8 @@ def test_slivers(device, precision, height):
         {"gravity": [0, 0, -9.81], "drag": 2.0},
         solver={"maximum_substeps": 1024},
     )
-    finite_or_refused(rig_of(scene, leaf_of(mesh), device, precision))
+    # A triangle a thousandth as high as it is long still moves; one a millionth as high has no step that is safe.
+    assert finite_or_refused(rig_of(scene, leaf_of(mesh), device, precision)) == (height > 1e-5)
 
 
 @pytest.mark.parametrize("bending", ["gradient", "paper"])
@@ -135,11 +136,12 @@ def test_a_single_triangle_swings(device, precision):
     assert finite_or_refused(rig_of(scene, one_triangle(), device, precision), frames=24)
 
 
-@pytest.mark.parametrize("wind", [100.0, 1e4])
+@pytest.mark.parametrize("wind", [1.0, 100.0, 1e4])
 def test_storms(device, precision, wind):
     scene = scene_of(
         {"bending_stiffness": 1e-6},
         {"wind": [wind, 0, wind], "drag": 50.0},
         solver={"maximum_substeps": 1024},
     )
-    finite_or_refused(rig_of(scene, strip(columns=6), device, precision), frames=4)
+    # A breeze is computed; what tears a membrane of 5 N/m is refused.
+    assert finite_or_refused(rig_of(scene, strip(columns=6), device, precision), frames=4) == (wind < 10.0)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import os
 from collections.abc import Sequence
 from pathlib import Path
 
 import cv2
 import numpy as np
 
-from leafwarp.errors import OutputError
+from leafwarp.files import write_bytes
 from leafwarp.frame import Frame
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.render.camera import checked_points, seen_size
@@ -87,16 +86,7 @@ class ContactSheet:
             OutputError: It cannot be written.
         """
         data = cv2.imencode(".png", self.draw()[..., ::-1], [cv2.IMWRITE_PNG_COMPRESSION, 9])[1].tobytes()
-        temporary = path.with_name(f".{path.name}.tmp")
-        try:
-            temporary.write_bytes(data)
-            os.replace(temporary, path)
-        except OSError as error:
-            try:
-                temporary.unlink(missing_ok=True)
-            except OSError:
-                pass  # the folder itself is gone or closed; the first error says so
-            raise OutputError(f"{path}: cannot be written: {error.strerror}") from None
+        write_bytes(path, data)
 
     def _draw_water(self, sheet: np.ndarray, layout: Layout, lowest: float) -> None:
         picture = WaterPicture(self._leaf, layout.water, PAPER)
