@@ -48,6 +48,7 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
         "largest_beta": _largest_beta(simulation),
         "substeps_per_frame": substeps,
         "bytes": plan.byte_count,
+        "host_bytes": sum(stage.host_bytes for stage in plan.stages),
         "stages": plan.describe(runs),
         "left_out": [{"name": name, "reason": reason} for name, reason in plan.left_out.items()],
     }
@@ -57,13 +58,11 @@ def _largest_beta(simulation: Simulation) -> float | None:
     """Largest conductance times fluid step of two neighbouring cells, which the splitting error grows with."""
     if simulation.fluid is None:
         return None
+    from leafwarp.sim.fluid.conductance import leaf_conductance
+
     step = simulation.fluid.steps.length
-    rates = (
-        simulation.state[f"conductance_{axis}"].numpy().max()
-        for axis in "xy"
-        if f"conductance_{axis}" in simulation.state
-    )
-    return max((float(rate) * step for rate in rates), default=0.0)
+    conductance = leaf_conductance(simulation.scene, simulation.leaf, step)
+    return step * float(max(conductance.x.max(), conductance.y.max()))
 
 
 def print_plan(report: dict[str, Any]) -> None:
@@ -77,6 +76,7 @@ def print_plan(report: dict[str, Any]) -> None:
     print(
         f"{cells}{report['fluid_steps']} fluid steps, {report['substeps_per_frame']} motion substeps in the first "
         f"frame, {report['precision']} on {report['device']}, {report['bytes'] / 1e6:.2f} MB of arrays"
+        + (f", {report['host_bytes'] / 1e6:.2f} MB beside them" if report["host_bytes"] else "")
     )
     beta = report["largest_beta"]
     if beta is not None and beta > SPLIT_BETA and any(s["name"] == "split_diffusion" for s in report["stages"]):
@@ -88,7 +88,7 @@ def print_plan(report: dict[str, Any]) -> None:
     for stage in report["stages"]:
         print(
             f"{stage['name']:<18} {stage['rate']:<11} {stage['launches_per_frame']:>14.1f} "
-            f"{stage['bytes'] / 1e3:>8.1f}  {stage['purpose']}"
+            f"{(stage['bytes'] + stage['host_bytes']) / 1e3:>8.1f}  {stage['purpose']}"
         )
         for label in ("reads", "writes", "kernels"):
             if stage[label]:

@@ -105,7 +105,10 @@ def _fluid_report(simulation: Simulation) -> dict[str, Any]:
         "step_seconds": fluid.steps.length,
         "ledger": {**asdict(ledger), "error": ledger.error},
     }
-    solver = simulation.stage("unsplit_diffusion")
+    solver, factored = simulation.stage("unsplit_diffusion"), simulation.stage("factored_diffusion")
     if solver is not None:
         report["solver_iterations"] = {"most": solver.most_iterations, "total": solver.iterations}
+    if factored is not None:
+        system = factored.system
+        report["solves"] = {"most": system.most_solves, "total": system.solves}
     return report

@@ -139,8 +139,13 @@ class FluidTable(_Table):
     step: Annotated[Time, Field(gt=0.0)] = Field(60.0, description="Fluid step in plant time [s]; chosen for accuracy.")
     scheme: Literal["split", "unsplit"] = Field(
         "split",
-        description="split: rows, then columns, line by line (the paper). unsplit: both at once by conjugate "
-        "gradients, without the splitting error.",
+        description="split: rows, then columns, line by line (the paper). unsplit: both at once, without the "
+        "splitting error.",
+    )
+    solver: Literal["factor", "conjugate_gradients"] = Field(
+        "factor",
+        description="How the unsplit scheme solves a step. factor: a sparse factor, made once, on the host (much the "
+        "faster on a CPU). conjugate_gradients: preconditioned with line solves, all on the device.",
     )
     lamina_diffusivity: Annotated[Diffusivity, Field(ge=0.0)] = Field(
         1e-9, description="Diffusivity of water between the veins [m^2/s] (artistic)."
@@ -329,6 +334,11 @@ class Scene(_Table):
             if name in self.maps.model_fields_set and name not in self.map_names:
                 raise ValueError(f"maps.{name} is given, but nothing in this scene depends on that map")
         return self
+
+    @property
+    def water_flows(self) -> bool:
+        """Whether water flows within the leaf."""
+        return self.fluid is not None and max(self.fluid.lamina_diffusivity, self.fluid.vein_diffusivity) > 0.0
 
     @property
     def flow_has_veins(self) -> bool:

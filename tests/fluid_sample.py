@@ -16,7 +16,9 @@ from leafwarp.sim.launch import State
 from leafwarp.sim.plan import make_stages
 from leafwarp.sim.stage import Stage
 
-SCHEMES = ("split", "unsplit")
+# "iterated" stands for the unsplit scheme by conjugate gradients.
+SCHEMES = ("split", "unsplit", "iterated")
+STAGES = {"split": "split_diffusion", "unsplit": "factored_diffusion", "iterated": "unsplit_diffusion"}
 
 
 @dataclass
@@ -41,8 +43,10 @@ class Sample:
         self.state.upload("water", content)
 
     def step(self, name: str, index: int = 0) -> np.ndarray:
-        """Run one stage alone; the water after it."""
-        self.stages[name].run(self.fluid.steps.interval(index))
+        """Run one stage, after the source where there is one; the water after it."""
+        for each in dict.fromkeys(("source", name)):
+            if each in self.stages:
+                self.stages[each].run(self.fluid.steps.interval(index))
         return self.water
 
 
@@ -53,6 +57,8 @@ def make_scene(tables: dict, precision: str = "float32") -> Scene:
         "structure": {"membrane_stiffness": 10.0},
         "solver": {"precision": precision},
     }
+    if tables.get("fluid", {}).get("scheme") == "iterated":
+        tables = tables | {"fluid": tables["fluid"] | {"scheme": "unsplit", "solver": "conjugate_gradients"}}
     return parse_scene(base | tables, "sample", Path("."))
 
 
@@ -96,7 +102,7 @@ def diffusion_sample(
 
 
 def stage_name(scheme: str) -> str:
-    return f"{scheme}_diffusion"
+    return STAGES[scheme]
 
 
 def exchange_matrices(

@@ -61,7 +61,7 @@ def test_first_order_in_the_step(scheme: str) -> None:
     assert order(errors) == pytest.approx(1.0, abs=0.1)
 
 
-@pytest.mark.parametrize(("scheme", "steps"), [("split", 160), ("unsplit", 40)])
+@pytest.mark.parametrize(("scheme", "steps"), [("split", 160), ("unsplit", 40), ("iterated", 40)])
 def test_second_order_in_the_cell(scheme: str, steps: int) -> None:
     errors = []
     for count in (8, 16, 32):

@@ -9,7 +9,7 @@ import pytest
 from scipy.linalg import solve_banded
 from scipy.sparse.linalg import spsolve
 
-from fluid_sample import diffusion_sample, ellipse, exchange_matrices, random_diffusivity, stage_name
+from fluid_sample import SCHEMES, diffusion_sample, ellipse, exchange_matrices, random_diffusivity, stage_name
 from leafwarp.sim.fluid.conductance import face_conductance
 
 # Of max y, of one step: some units in the last place, gathered along a line.
@@ -176,7 +176,7 @@ def test_water_stays_over_many_steps(device: str, precision: str) -> None:
     assert abs(sample.leaf_water.mean() - before) <= 2.0 * ROUNDING[precision]
 
 
-@pytest.mark.parametrize("scheme", ["split", "unsplit"])
+@pytest.mark.parametrize("scheme", SCHEMES)
 def test_isolated_cells_keep_their_water(scheme: str, device: str, precision: str) -> None:
     mask = np.zeros((6, 6), bool)
     mask[0, 0] = mask[2, 3] = mask[4, 1:5] = True
@@ -194,7 +194,7 @@ def test_two_runs_agree_to_the_last_bit(device: str, precision: str) -> None:
     mask = ellipse(40)
     water = np.where(mask, rng.random(mask.shape), 0.0)
     diffusivity = random_diffusivity(rng, mask.shape, (-2.0, 4.0))
-    for scheme in ("split", "unsplit"):
+    for scheme in SCHEMES:
         runs = []
         for _ in range(2):
             sample = diffusion_sample(diffusivity, mask, water, scheme, device=device, precision=precision)

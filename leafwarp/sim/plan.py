@@ -43,19 +43,17 @@ def _stiffness_left_out(scene: Scene, leaf: Leaf) -> str | None:
     return "stiffness is the same everywhere and at every water content" if plain else None
 
 
-def _diffusion_left_out(scene: Scene, scheme: str) -> str | None:
-    if scene.fluid is None:
-        return _PRESCRIBED
-    if max(scene.fluid.lamina_diffusivity, scene.fluid.vein_diffusivity) == 0.0:
-        return "both diffusivities are 0"
-    return None if scene.fluid.scheme == scheme else f"fluid.scheme is {scene.fluid.scheme}"
+def _diffusion_left_out(scheme: str, solver: str | None = None) -> Callable[[Scene, Leaf], str | None]:
+    def reason(scene: Scene, leaf: Leaf) -> str | None:
+        if scene.fluid is None:
+            return _PRESCRIBED
+        if not scene.water_flows:
+            return "both diffusivities are 0"
+        if scene.fluid.scheme != scheme:
+            return f"fluid.scheme is {scene.fluid.scheme}"
+        return None if solver in (None, scene.fluid.solver) else f"fluid.solver is {scene.fluid.solver}"
 
-
-def _source_left_out(scene: Scene, leaf: Leaf) -> str | None:
-    if scene.source is None or scene.source.conductance == 0.0:
-        return "no water enters"
-    diffusion = f"{scene.fluid.scheme}_diffusion"
-    return None if _diffusion_left_out(scene, scene.fluid.scheme) else f"part of {diffusion}, which solves for it"
+    return reason
 
 
 def _samples_maps(scene: Scene) -> bool:
@@ -77,10 +75,12 @@ _PRESCRIBED = "water is prescribed by [water]"
 CANDIDATES: tuple[_Candidate, ...] = (
     _Candidate("fluid", "transpiration", f"{_FLUID}:Transpiration",
                _needs(lambda s: s.transpiration and s.transpiration.rate > 0.0, "nothing transpires")),
-    _Candidate("fluid", "source", f"{_FLUID}:Source", _source_left_out),
-    _Candidate("fluid", "split_diffusion", f"{_FLUID}:SplitDiffusion", lambda s, leaf: _diffusion_left_out(s, "split")),
+    _Candidate("fluid", "source", f"{_FLUID}:Source",
+               _needs(lambda s: s.source and s.source.conductance > 0.0, "no water enters")),
+    _Candidate("fluid", "split_diffusion", f"{_FLUID}:SplitDiffusion", _diffusion_left_out("split")),
+    _Candidate("fluid", "factored_diffusion", f"{_FLUID}:FactoredDiffusion", _diffusion_left_out("unsplit", "factor")),
     _Candidate("fluid", "unsplit_diffusion", f"{_FLUID}:UnsplitDiffusion",
-               lambda s, leaf: _diffusion_left_out(s, "unsplit")),
+               _diffusion_left_out("unsplit", "conjugate_gradients")),
     _Candidate("fluid", "water", f"{_FLUID}:Water", _needs(lambda s: s.fluid, _PRESCRIBED)),
     _Candidate("coupling", "stencils", f"{_COUPLING}:Stencils",
                _needs(_samples_maps, "no map is sampled: water is prescribed and veins are not told apart")),
@@ -171,6 +171,7 @@ class Plan:
                 "kernels": sorted({c.kernel_name for c in stage.recorded}),
                 "arrays": [spec.name for spec in stage.arrays],
                 "bytes": sum(spec.byte_count(precision) for spec in stage.arrays),
+                "host_bytes": stage.host_bytes,
                 "launches_per_frame": stage.launches * runs_per_frame[stage.rate],
             }
             for stage in self.stages

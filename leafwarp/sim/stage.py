@@ -57,6 +57,11 @@ class Stage:
         self.commands: list[Command] = []
 
     @property
+    def host_bytes(self) -> int:
+        """Memory that the stage holds beside the arrays, once it is bound [byte]."""
+        return 0
+
+    @property
     def launches(self) -> int:
         """Launches each time the stage runs, once it is bound."""
         return len(self.commands)

@@ -17,11 +17,11 @@ from leafwarp.study.trial import Setting, Trial, with_setting
 if TYPE_CHECKING:
     from leafwarp.sim.fluid import Fluid
 
-# From a map to one of twice the cells across: four times the cells;
-# conjugate gradients also take twice the iterations.
-GROWTH = {"split": 4.0, "unsplit": 8.0}
+# From a map to one of twice the cells across: four times the cells; a factor has more entries a cell;
+# conjugate gradients take twice the iterations.
+GROWTH = {"split": 4.0, "factor": 5.0, "conjugate_gradients": 8.0}
 # Iterations of conjugate gradients grow with the root of the step.
-STEP_EXPONENT = {"split": 0.0, "unsplit": 0.5}
+STEP_EXPONENT = {"split": 0.0, "factor": 0.0, "conjugate_gradients": 0.5}
 PILOT_STEPS = 5
 # The leaf gets lighter as it dries and wants more substeps than in its first frames.
 DRYING_FACTOR = 2.0
@@ -106,10 +106,13 @@ class CostModel:
     def _simulation(self, setting: Setting) -> Simulation:
         return Simulation(with_setting(self._scene, setting), self._leaf_of(setting.map_size), self._device)
 
+    def _solver(self, setting: Setting) -> str:
+        return "split" if setting.scheme == "split" else self._scene.fluid.solver
+
     def _fluid_seconds(self, setting: Setting) -> float:
         count = math.ceil(self._scene.time.duration / setting.step)
         longer = setting.step / self._scene.fluid.step
-        return count * self._pilot(setting).step * longer ** STEP_EXPONENT[setting.scheme]
+        return count * self._pilot(setting).step * longer ** STEP_EXPONENT[self._solver(setting)]
 
     def _pilot(self, setting: Setting) -> _Pilot:
         setting = replace(setting, step=self._scene.fluid.step)
@@ -120,7 +123,7 @@ class CostModel:
     def _make_pilot(self, setting: Setting) -> _Pilot:
         if setting.cells_across > self._smallest:
             half = self._pilot(setting.coarsened(2))
-            expected = _Pilot(2.0 * half.start, GROWTH[setting.scheme] * half.step)
+            expected = _Pilot(2.0 * half.start, GROWTH[self._solver(setting)] * half.step)
             if expected.start + expected.step > self._longest_pilot:
                 return expected
         else:

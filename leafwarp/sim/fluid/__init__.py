@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from leafwarp.sim.fluid.controller import Fluid, WaterLedger
+    from leafwarp.sim.fluid.factored import FactoredDiffusion
     from leafwarp.sim.fluid.source import Source
     from leafwarp.sim.fluid.split import SplitDiffusion
     from leafwarp.sim.fluid.steps import FluidSteps
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from leafwarp.sim.fluid.water import Water
 
 _PLACES = {
+    "FactoredDiffusion": "factored",
     "Fluid": "controller",
     "FluidSteps": "steps",
     "Source": "source",
@@ -29,6 +31,7 @@ _PLACES = {
 }
 
 __all__ = [
+    "FactoredDiffusion",
     "Fluid",
     "FluidSteps",
     "Source",

@@ -37,7 +37,6 @@ class SplitDiffusion(Stage):
         upload_conductance(self.scene, self.leaf, state, time_step)
         excess = None
         if self._supply is not None:
-            self._supply.bind(state)
             excess = "source_exchange"
         self._solves = {direction: LineSolves(state, direction, time_step, excess) for direction in "xy"}
         passes = {d: solve.record("water", "water", divided=True) for d, solve in self._solves.items()}
@@ -45,16 +44,16 @@ class SplitDiffusion(Stage):
         if self._supply is not None:
             self.commands = []
             for direction, command in passes.items():
-                fill, count = self._supply.record(direction)
+                fill, count = self._supply.record(state, direction)
                 self.commands += [fill, command, count]
 
     def run(self, interval: Interval | None = None) -> None:
         commands = self.commands
         if self._supply is not None:
-            if self._supply.update(interval):
+            if self._supply.opening.update(interval):
                 for solve in self._solves.values():
                     solve.eliminate()
-            if self._supply.open_for == 0.0:
+            if self._supply.opening.seconds == 0.0:
                 commands = self._alone
         for command in commands:
             command.run()

@@ -48,7 +48,7 @@ class _Step(NamedTuple):
 
 
 class UnsplitDiffusion(Stage):
-    """One implicit step along rows and columns at once, by conjugate gradients.
+    """One implicit step along rows and columns at once, by conjugate gradients, all on the device.
 
     The residual is brought below ``fluid.tolerance`` times the norm of the contents (float64: its square),
     which bounds the relative error of the contents in the same norm. Without a source the content of the whole
@@ -95,7 +95,6 @@ class UnsplitDiffusion(Stage):
         faces, diagonals = ["conductance_x", "conductance_y"], ["diagonal_x", "diagonal_y"]
         exchange = None
         if self._supply is not None:
-            self._supply.bind(state)
             exchange = "source_exchange"
         self._diagonals = state.record(direction_diagonals, shape, [*faces, exchange, time_step], diagonals)
         self._diagonals.run()
@@ -111,7 +110,7 @@ class UnsplitDiffusion(Stage):
         self._alone = _Step(start, [*precondition, *search, *advance], self._record_shift(state, diagonals))
         step = self._alone
         if self._supply is not None:
-            fill, count = self._supply.record("x")
+            fill, count = self._supply.record(state, "x")
             exchange = self._record_exchange(state)
             step = self._fed = _Step([fill, *start], [*precondition, *search, exchange, *advance], [count])
         self.commands = [*step.start, *step.iteration, *step.finish]
@@ -171,9 +170,9 @@ class UnsplitDiffusion(Stage):
         """
         step = self._alone
         if self._supply is not None:
-            if self._supply.update(interval):
+            if self._supply.opening.update(interval):
                 self._factorise()
-            if self._supply.open_for > 0.0:
+            if self._supply.opening.seconds > 0.0:
                 step = self._fed
         for command in step.start:
             command.run()
@@ -206,5 +205,6 @@ class UnsplitDiffusion(Stage):
             raise NotConverged(
                 f"after {count} iterations the unsplit scheme's residual is {short:.3g} times what "
                 f"fluid.tolerance = {self.scene.fluid.tolerance:g} accepts; a shorter fluid.step, a larger "
-                "fluid.tolerance, solver.precision = 'float64' or fluid.scheme = 'split' would help"
+                "fluid.tolerance, solver.precision = 'float64', fluid.solver = 'factor' or fluid.scheme = 'split' "
+                "would help"
             )
