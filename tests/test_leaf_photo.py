@@ -23,10 +23,10 @@ from leaf_pictures import (
     write_image,
 )
 from leafwarp.errors import InputError
-from leafwarp.leaf.image_file import read_header
-from leafwarp.leaf.outline import find_outline
-from leafwarp.leaf.photo import read_grey, read_photo
-from leafwarp.leaf.segment import silhouette
+from leafwarp.leaf.image.header import read_header
+from leafwarp.leaf.image.photo import read_grey, read_photo
+from leafwarp.leaf.segment.silhouette import silhouette
+from leafwarp.leaf.shape.outline import find_outline
 
 FORMATS = (".png", ".jpg", ".tiff", ".webp")
 

@@ -12,13 +12,24 @@ import struct
 import zlib
 from dataclasses import dataclass
 
+from leafwarp.leaf.image.foreign_format import name_format
+
 _JPEG_NEXT_MARKER = re.compile(rb"\xff+([^\x00\xff\xd0-\xd7])")  # skips stuffed bytes and restart markers
 _JPEG_FRAMES = frozenset(range(0xC0, 0xD0)) - {0xC4, 0xC8, 0xCC}
 _TIFF_TYPES = {1: "B", 3: "H", 4: "I", 16: "Q"}
 
 
 class BrokenImage(ValueError):
-    """The bytes are not a whole image; the message completes the sentence "the file ..."."""
+    """The bytes are not a whole image.
+
+    Args:
+        reason: Completes the sentence "the file ...".
+        remedy: What to do about it, where that is more than to bring a whole image.
+    """
+
+    def __init__(self, reason: str, remedy: str | None = None):
+        super().__init__(reason)
+        self.remedy = remedy
 
 
 @dataclass(frozen=True)
@@ -54,7 +65,10 @@ def read_header(data: bytes) -> ImageHeader:
             return _webp(data)
     except (struct.error, IndexError) as error:
         raise BrokenImage("is truncated") from error
-    raise BrokenImage("is not an image of a known format")
+    known = name_format(data)
+    if known is None:
+        raise BrokenImage("is not an image of a known format")
+    raise BrokenImage(f"is {known[0]}", known[1])
 
 
 def _png(data: bytes) -> ImageHeader:
@@ -66,6 +80,8 @@ def _png(data: bytes) -> ImageHeader:
         (checksum,) = struct.unpack_from(">I", data, position + 8 + length)
         if zlib.crc32(content) != checksum:
             raise BrokenImage(f"is corrupt (checksum of the PNG chunk {kind.decode('latin-1')!r})")
+        if kind == b"acTL":
+            raise BrokenImage("is an animation", "save one picture of it as PNG")
         if kind == b"eXIf":
             orientation = _exif_orientation(bytes(content[4:]))
         ended = kind == b"IEND"
@@ -104,6 +120,8 @@ def _webp(data: bytes) -> ImageHeader:
     while position + 8 <= content_size + 8:
         kind, length = struct.unpack_from("<4sI", data, position)
         start = position + 8
+        if kind == b"ANIM":
+            raise BrokenImage("is an animation", "save one picture of it as PNG")
         if kind == b"VP8X":
             size = tuple(1 + int.from_bytes(data[start + at : start + at + 3], "little") for at in (4, 7))
         elif kind == b"VP8L" and size is None:
@@ -122,6 +140,8 @@ def _webp(data: bytes) -> ImageHeader:
 
 def _tiff(data: bytes) -> ImageHeader:
     tags = _tiff_tags(data)
+    if 50706 in tags or data[8:10] == b"CR":  # DNG's version; Canon's mark
+        raise BrokenImage("is a camera raw file", "develop it to TIFF or JPEG")
     if 256 not in tags or 257 not in tags:
         raise BrokenImage("is corrupt (TIFF without a size)")
     for offset_tag, count_tag in ((273, 279), (324, 325)):  # strips, tiles

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from leafwarp.errors import InputError
-from leafwarp.leaf.image_file import BrokenImage, ImageHeader, read_header
+from leafwarp.leaf.image.decode import decode
+from leafwarp.leaf.image.header import BrokenImage, ImageHeader, read_header
 
 ACCEPTED = "PNG, JPEG, TIFF or WebP"
 MAXIMUM_PIXELS = 150_000_000
@@ -62,7 +63,8 @@ def read_bytes(path: Path) -> bytes:
 def read_photo(path: Path, data: bytes | None = None, minimum_side: int = MINIMUM_SIDE) -> Photo:
     """Read a picture upright as 8-bit RGB with its opacity.
 
-    Grey, palette, 16-bit and float files are converted; the EXIF orientation is applied.
+    Grey, palette, CMYK, 16-bit and float files are converted; the EXIF orientation is applied. An opacity that is
+    the same everywhere says nothing about the leaf and is left out.
 
     Args:
         path: A PNG, JPEG, TIFF or WebP file.
@@ -70,11 +72,13 @@ def read_photo(path: Path, data: bytes | None = None, minimum_side: int = MINIMU
         minimum_side: Least width and height accepted, in pixels.
 
     Raises:
-        InputError: The file is no image, incomplete, corrupt, too small or larger than 150 megapixels. The
-            declared size is checked before anything is decoded.
+        InputError: The file is no image, incomplete, corrupt, an animation, transparent everywhere, too small or
+            larger than 150 megapixels. The declared size is checked before anything is decoded.
     """
     colour, alpha = _colour_and_alpha(_eight_bit(_read_pixels(Path(path), data, minimum_side)))
-    return Photo(Path(path), colour, alpha)
+    if alpha is not None and not alpha.any():
+        raise InputError(f"{path}: is transparent everywhere; accepted: a picture that is opaque on the leaf")
+    return Photo(Path(path), colour, None if alpha is None or alpha.min() == alpha.max() else alpha)
 
 
 def read_grey(path: Path, data: bytes | None = None) -> np.ndarray:
@@ -90,43 +94,31 @@ def read_grey(path: Path, data: bytes | None = None) -> np.ndarray:
     return np.clip(np.nan_to_num(grey / whole), 0.0, 1.0)
 
 
-def _read_pixels(path: Path, data: bytes | None, minimum_side: int) -> np.ndarray:
-    """Upright pixels as stored (any depth, blue first), the declared size checked before anything is decoded."""
-    path = Path(path)
-    data = read_bytes(path) if data is None else data
+def _read_header(path: Path, data: bytes, minimum_side: int) -> ImageHeader:
+    """The header of a picture of an accepted format and size."""
     try:
         header = read_header(data)
     except BrokenImage as error:
-        raise InputError(f"{path}: the file {error}; accepted: a whole {ACCEPTED} image") from error
+        remedy = f"{error.remedy}; accepted: " if error.remedy else "accepted: a whole "
+        raise InputError(f"{path}: the file {error}; {remedy}{ACCEPTED} image") from error
     size = f"{header.width} x {header.height} pixels"
     if header.width * header.height > MAXIMUM_PIXELS:
         raise InputError(f"{path}: is {size}; accepted: at most {MAXIMUM_PIXELS // 10**6} megapixels")
     if min(header.width, header.height) < minimum_side:
         raise InputError(f"{path}: is {size}; accepted: at least {minimum_side} pixels each way")
-    pixels = _decode(data, header)
-    if pixels is None or pixels.shape[:2] != (header.height, header.width):
-        raise InputError(f"{path}: the {header.format} data is corrupt and cannot be decoded")
-    return _upright(pixels, header.orientation)
+    return header
 
 
-def _decode(data: bytes, header: ImageHeader) -> np.ndarray | None:
-    """Pixels as stored (blue first), or None where the decoder fails."""
-    import cv2
-
-    if header.orientation_span is not None and header.orientation != 1:
-        # OpenCV fails on TIFF files whose orientation swaps the axes: decode as if upright, turn afterwards.
-        first, last = header.orientation_span
-        upright = (1).to_bytes(last - first, "little" if data[:2] == b"II" else "big")
-        data = data[:first] + upright + data[last:]
-    level = cv2.utils.logging.getLogLevel()
-    # The decoder would print complaints of its own; ours is the message that counts.
-    cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
+def _read_pixels(path: Path, data: bytes | None, minimum_side: int) -> np.ndarray:
+    """Upright pixels as stored (any depth, blue first), the declared size checked before anything is decoded."""
+    path = Path(path)
+    data = read_bytes(path) if data is None else data
+    header = _read_header(path, data, minimum_side)
     try:
-        return cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_UNCHANGED)
-    except cv2.error:
-        return None
-    finally:
-        cv2.utils.logging.setLogLevel(level)
+        return _upright(decode(data, header), header.orientation)
+    except BrokenImage as error:
+        remedy = "copy it anew or, if it looks right in an image editor, save it from there"
+        raise InputError(f"{path}: the file {error}; {remedy}; accepted: a whole {ACCEPTED} image") from error
 
 
 def _upright(pixels: np.ndarray, orientation: int) -> np.ndarray:
@@ -154,13 +146,8 @@ def _colour_and_alpha(pixels: np.ndarray) -> tuple[np.ndarray, np.ndarray | None
 
     if pixels.ndim == 2:
         return cv2.cvtColor(pixels, cv2.COLOR_GRAY2RGB), None
-    if pixels.shape[2] == 2:
-        return cv2.cvtColor(np.ascontiguousarray(pixels[..., 0]), cv2.COLOR_GRAY2RGB), _varying(pixels[..., 1])
-    if pixels.shape[2] == 4:
-        return cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB), _varying(pixels[..., 3])
-    return cv2.cvtColor(pixels[..., :3], cv2.COLOR_BGR2RGB), None
-
-
-def _varying(alpha: np.ndarray) -> np.ndarray | None:
-    """An opacity that is the same everywhere says nothing about the leaf."""
-    return None if alpha.min() == alpha.max() else np.ascontiguousarray(alpha)
+    channels = pixels.shape[2]
+    alpha = np.ascontiguousarray(pixels[..., -1]) if channels in (2, 4) else None
+    if channels <= 2:
+        return cv2.cvtColor(np.ascontiguousarray(pixels[..., 0]), cv2.COLOR_GRAY2RGB), alpha
+    return cv2.cvtColor(pixels, cv2.COLOR_BGRA2RGB if channels == 4 else cv2.COLOR_BGR2RGB), alpha

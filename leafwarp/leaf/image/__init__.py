@@ -1,0 +1,1 @@
+"""Image files: read safely, or refused with one line that says why."""
