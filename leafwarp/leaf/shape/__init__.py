@@ -1,0 +1,1 @@
+"""The leaf's outline and where its petiole ends."""
