@@ -1,0 +1,1 @@
+"""The outline filled with triangles."""
