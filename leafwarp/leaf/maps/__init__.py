@@ -1,0 +1,1 @@
+"""What the leaf is like from place to place, as maps of cells."""

@@ -1,0 +1,176 @@
+"""Maps as pictures: read for the cells that they cover, and written so that reading them gives the same map.
+
+Either way a picture covers the whole photo, at any size in the photo's proportion, top row first.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from leafwarp.errors import InputError, OutputError
+from leafwarp.leaf.image.photo import Photo, read_grey
+from leafwarp.leaf.maps.pixel_frame import PixelFrame
+
+ASPECT_TOLERANCE = 0.02  # by which a picture's proportion may differ from the photo's, rounding aside
+PIXELS_A_CELL = 12.0  # of a written picture, where its size allows
+LARGEST_SIDE = 4096  # [pixels] of a written picture
+FAST = (16, 1)  # OpenCV's IMWRITE_PNG_COMPRESSION at its fastest: the pictures are all runs of one value
+SPILL = 3  # cells past the leaf that a written map keeps its values
+
+
+def read_map(path: Path, name: str, photo: Photo, frame: PixelFrame, map_size: tuple[int, int]) -> np.ndarray:
+    """Cell averages of a picture that covers the same frame as the photo, shape [ny, nx], bottom row first.
+
+    Args:
+        path: The picture.
+        name: The map that it is for.
+        photo: The photo.
+        frame: The rectangle of the photo that the map covers.
+        map_size: Cells across and up (nx, ny).
+
+    Raises:
+        InputError: The picture cannot be read, or its proportion is not the photo's.
+    """
+    grey = read_grey(path)
+    size = grey.shape[::-1]
+    stretch = size[0] * photo.size[1] / (size[1] * photo.size[0])
+    if abs(np.log(stretch)) > ASPECT_TOLERANCE + 0.5 / size[0] + 0.5 / size[1]:
+        raise InputError(
+            f"{path}: maps: {name}: is {size[0]} x {size[1]} pixels, not in proportion to the photo's "
+            f"{photo.size[0]} x {photo.size[1]}; accepted: a picture of the whole photo, at any size"
+        )
+    ratio = np.divide(size, photo.size)
+    x = np.linspace(frame.left, frame.right, map_size[0] + 1) * ratio[0]
+    y = np.linspace(frame.top, frame.bottom, map_size[1] + 1) * ratio[1]
+    return interval_means(interval_means(grey, y).T, x).T[::-1]
+
+
+def interval_means(values: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+    """Means over intervals, along axis 0, of what samples at pixel centres stand for.
+
+    Exact for a linear ramp at any ratio of interval to pixel. Where intervals are finer than pixels, the samples are
+    joined by straight lines. Else each sample is the mean of its pixel, with a slope within the pixel that does not
+    pass its neighbours' values (the smaller of the differences to them, 0 at an extreme): steps stay sharp, and what
+    whole pixels hold is kept.
+
+    Args:
+        values: Samples; sample k stands at k + 0.5, shape [count, ...].
+        bounds: Rising interval bounds, shape [intervals + 1]; what is beyond the samples has the value of the last.
+    """
+    bounds = np.asarray(bounds, float)
+    finer = bounds[-1] - bounds[0] < len(bounds) - 1
+    integral = _integral_of_lines(values, bounds) if finer else _integral_of_pixels(values, bounds)
+    return np.diff(integral, axis=0) / np.diff(bounds)[:, None]
+
+
+def _integral_of_lines(values: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+    """Integral from the first sample to each bound of the straight lines through the samples."""
+    at = bounds - 0.5
+    last = len(values) - 1
+    pairs = 0.5 * (values[1:] + values[:-1])
+    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(pairs, axis=0)])
+    within = np.clip(at, 0.0, last)
+    index = np.minimum(within.astype(int), max(last - 1, 0))
+    part = (within - index)[:, None]
+    ahead = values[np.minimum(index + 1, last)]
+    integral = total[index] + values[index] * part + (ahead - values[index]) * (0.5 * part**2)
+    return integral + values[:1] * np.minimum(at, 0.0)[:, None] + values[-1:] * np.maximum(at - last, 0.0)[:, None]
+
+
+def _integral_of_pixels(values: np.ndarray, bounds: np.ndarray) -> np.ndarray:
+    """Integral from the first pixel's edge to each bound of pixels with limited slopes."""
+    count = len(values)
+    total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
+    within = np.clip(bounds, 0.0, count)
+    index = np.minimum(within.astype(int), count - 1)
+    part = (within - index)[:, None]
+    behind = values[index] - values[np.maximum(index - 1, 0)]
+    ahead = values[np.minimum(index + 1, count - 1)] - values[index]
+    behind = np.where((index == 0)[:, None], ahead, behind)  # a ramp goes on to the picture's edge
+    ahead = np.where((index == count - 1)[:, None], behind, ahead)
+    slope = np.where(behind * ahead > 0.0, np.where(np.abs(behind) < np.abs(ahead), behind, ahead), 0.0)
+    integral = total[index] + values[index] * part + 0.5 * slope * part * (part - 1.0)
+    beyond = bounds - within
+    return (
+        integral
+        + np.where(beyond < 0.0, beyond, 0.0)[:, None] * values[:1]
+        + np.maximum(beyond, 0.0)[:, None] * values[-1:]
+    )
+
+
+def write_maps(
+    maps: Mapping[str, np.ndarray],
+    mask: np.ndarray,
+    folder: Path,
+    stem: str,
+    *,
+    frame: PixelFrame | None = None,
+    photo_size: tuple[int, int] | None = None,
+) -> list[Path]:
+    """Write maps as 16-bit grey pictures ``STEM.NAME.png`` that a scene can name in their stead.
+
+    The source, whose weights have the sum 1, is written with 1 as its largest.
+
+    Args:
+        maps: Named maps in [0, 1], bottom row first, shape [ny, nx] each.
+        mask: Cells that are leaf, shape [ny, nx], bool.
+        folder: Where to write.
+        stem: Start of the files' names.
+        frame: The rectangle of the photo that the maps cover.
+        photo_size: Width and height of the photo in pixels, which the pictures cover. Without a frame and a photo
+            size they cover the maps' own rectangle, and read back right only beside a photo cropped to it.
+
+    Returns:
+        The files written, in the order of the maps.
+
+    Raises:
+        OutputError: A file cannot be written.
+    """
+    import cv2
+
+    if frame is None or photo_size is None:
+        frame, photo_size = PixelFrame(0, 0, *mask.shape[::-1]), mask.shape[::-1]
+    files = []
+    for name, values in maps.items():
+        shown = values / max(float(values.max()), 1e-300) if name == "source" else values
+        picture = _picture(shown, mask, frame, photo_size)
+        path = Path(folder) / f"{stem}.{name}.png"
+        done, data = cv2.imencode(".png", np.rint(np.clip(picture, 0.0, 1.0) * 65535.0).astype(np.uint16), FAST)
+        try:
+            path.write_bytes(data.tobytes() if done else b"")
+        except OSError as error:
+            raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        files.append(path)
+    return files
+
+
+def _picture(values: np.ndarray, mask: np.ndarray, frame: PixelFrame, photo_size: tuple[int, int]) -> np.ndarray:
+    """A picture of the photo's frame, top row first: of each pixel, the mean of the map's cells on it."""
+    rows, columns = values.shape
+    cell = min(frame.size[0] / columns, frame.size[1] / rows)
+    scale = min(PIXELS_A_CELL / cell, LARGEST_SIDE / max(photo_size))
+    width, height = (max(1, round(side * scale)) for side in photo_size)
+    down = _overlap(rows, frame.top, frame.bottom, photo_size[1], height)
+    across = _overlap(columns, frame.left, frame.right, photo_size[0], width)
+    return down @ _spilled(values, mask)[::-1] @ across.T
+
+
+def _overlap(cells: int, first: float, last: float, photo_side: int, pixels: int) -> np.ndarray:
+    """Share of each pixel of a line that each cell covers, shape [pixels, cells]."""
+    bounds = np.arange(pixels + 1) * (photo_side / pixels)  # in photo pixels
+    at = (bounds - first) / (last - first) * cells
+    ahead, beyond = np.zeros(cells), np.ones(cells)
+    ahead[0], beyond[-1] = -SPILL, 1.0 + SPILL  # the outer cells go on for as much as the leaf's do
+    filled = np.clip(at[:, None] - np.arange(cells), ahead, beyond)
+    return np.diff(filled, axis=0) * ((last - first) / cells * pixels / photo_side)
+
+
+def _spilled(values: np.ndarray, mask: np.ndarray) -> np.ndarray:
+    """The map with the nearest leaf cell's value in the few cells around the leaf, so that its margin stays sharp."""
+    from scipy.ndimage import distance_transform_edt
+
+    distance, (rows, columns) = distance_transform_edt(~mask, return_indices=True)
+    return np.where(distance <= SPILL, values[rows, columns], 0.0)
