@@ -77,6 +77,39 @@ def test_a_flat_leaf_shows_its_texture_unturned_and_unchanged(size, device) -> N
         assert np.abs(seen - painted).max() <= ROUNDING
 
 
+def with_hole(leaf: Leaf) -> Leaf:
+    """The same leaf with its upper left quarter cut out of the texture."""
+    opacity = np.full(leaf.texture.shape[:2], 255, np.uint8)
+    opacity[:20, :20] = 0
+    return dataclasses.replace(leaf, texture=np.dstack([leaf.texture, opacity]))
+
+
+def test_a_hole_shows_the_ground_and_the_rest_is_as_without(device) -> None:
+    pictures = []
+    for leaf in (square(), with_hole(square())):
+        renderer = renderer_of(leaf, device)
+        renderer.fit_camera([lifted(leaf)], direction=ABOVE)
+        pictures.append(renderer.render(lifted(leaf), upward(leaf)))
+    plain, holed = (quarters(picture) for picture in pictures)
+    assert np.ptp(holed[0]) < 10 and holed[0].max() <= max(PAPER)  # the grey of a ground in shade
+    for seen, painted in zip(holed[1:], plain[1:], strict=True):
+        assert np.abs(seen - painted).max() <= ROUNDING
+
+
+def test_a_hole_shows_the_blade_that_is_folded_behind_it(device) -> None:
+    """Two squares, one over the other: through the upper one's hole the lower one's same quarter is no hole to see."""
+    upper = with_hole(square())
+    count = upper.mesh.vertex_count
+    triangles = np.concatenate([upper.mesh.triangles, upper.mesh.triangles + count])
+    # The lower square wears the texture turned by half a turn, so that blue lies under the hole.
+    uv = np.concatenate([upper.uv, 1.0 - upper.uv])
+    points = np.concatenate([lifted(upper, 0.02), lifted(upper)])
+    renderer = LeafRenderer(triangles, uv, upper.texture, device, 120, 120, gloss=0.0)
+    renderer.fit_camera([points], direction=ABOVE)
+    seen = quarters(renderer.render(points, np.tile(UP, (2 * count, 1))))[0]
+    assert seen.argmax() == 2 and seen[2] > 2 * seen[0]
+
+
 def test_the_back_is_shown_mirrored_and_greyer(device) -> None:
     leaf = square()
     turned = lifted(leaf) * (-1, 1, -1)  # turned over about the y axis

@@ -13,7 +13,8 @@ only the last kernel encodes them as sRGB.
 ``V`` and ``S`` cost several rays. They are smooth, so they are found at the vertices and, for the shadow on the
 ground, on a grid; pixels interpolate them. A pixel costs one ray; only where the distance jumps between neighbours,
 at an outline or a fold, more rays are cast. The jitter is a hash of a fixed seed and an index, so a picture is the
-same, bit for bit, from run to run.
+same, bit for bit, from run to run. Rays of sight pass the holes of the texture; those of the light do not, so a hole's
+shadow is that of the whole leaf.
 
 Rendering has one precision, float32.
 """
@@ -26,6 +27,8 @@ LIGHT_RAYS = wp.constant(10)
 SKY_RAYS = wp.constant(9)
 GOLDEN_ANGLE = wp.constant(2.3999632)
 FAR = wp.constant(1.0e30)
+HALF_OPAQUE = wp.constant(0.5)
+LAYERS = wp.constant(8)  # of a folded leaf that a ray looks through by way of holes
 GLOSS_EXPONENT = wp.constant(48.0)
 # Light that has passed through a leaf is yellower.
 SHINE_TINT = wp.constant(wp.vec3(1.15, 1.1, 0.5))
@@ -73,7 +76,7 @@ class Ground:
 
 @wp.struct
 class Surface:
-    """The leaf: its mesh, what is known at the vertices, and its texture (top row first)."""
+    """The leaf: its mesh, what is known at the vertices, and its texture (colour and opacity, top row first)."""
 
     mesh: wp.uint64
     uv: wp.array[wp.vec2]
@@ -81,8 +84,9 @@ class Surface:
     tint: wp.array[wp.vec4]  # a colour and how much of it; empty: no tint
     light_visible: wp.array[wp.float32]
     sky_visible: wp.array[wp.vec2]  # on the photographed side, on the back
-    texture: wp.array2d[wp.vec3]
+    texture: wp.array2d[wp.vec4]
     brightness: wp.float32  # mean luminance of the texture on the leaf
+    has_holes: wp.bool  # whether the texture is cut out anywhere
 
 
 @wp.func
@@ -218,8 +222,8 @@ def smooth_ground(
 
 
 @wp.func
-def look_up(texture: wp.array2d[wp.vec3], u: wp.float32, v: wp.float32):
-    """Colour of the texture (top row first, texel centres at half integers, v upward), bilinear."""
+def look_up(texture: wp.array2d[wp.vec4], u: wp.float32, v: wp.float32):
+    """Texture (top row first, texel centres at half integers, v upward), bilinear."""
     height = texture.shape[0]
     width = texture.shape[1]
     x = wp.clamp(u * float(width) - 0.5, 0.0, float(width - 1))
@@ -262,6 +266,32 @@ def back_albedo(color: wp.vec3):
 
 
 @wp.func
+def is_hole(surface: Surface, hit: wp.MeshQueryRay):
+    """Whether the texture is cut out at a point of the mesh."""
+    a = surface.uv[wp.mesh_get_index(surface.mesh, 3 * hit.face)]
+    b = surface.uv[wp.mesh_get_index(surface.mesh, 3 * hit.face + 1)]
+    c = surface.uv[wp.mesh_get_index(surface.mesh, 3 * hit.face + 2)]
+    place = hit.u * a + hit.v * b + (1.0 - hit.u - hit.v) * c
+    return look_up(surface.texture, place[0], place[1])[3] < HALF_OPAQUE
+
+
+@wp.func
+def first_leaf(surface: Surface, start: wp.vec3, ray: wp.vec3, offset: wp.float32):
+    """Where a ray meets the leaf first, holes let through, and how far from the start that is."""
+    hit = wp.mesh_query_ray(surface.mesh, start, ray, FAR)
+    along = hit.t
+    layer = wp.int32(0)
+    while hit.result and surface.has_holes and layer < LAYERS:
+        if not is_hole(surface, hit):
+            break
+        # The next layer of a folded leaf, or the ground, shows through.
+        hit = wp.mesh_query_ray(surface.mesh, start + (along + offset) * ray, ray, FAR)
+        along += offset + hit.t
+        layer += 1
+    return hit, along
+
+
+@wp.func
 def leaf_color(surface: Surface, lighting: Lighting, ray: wp.vec3, hit: wp.MeshQueryRay):
     """Light that leaves a point of the leaf against a ray."""
     a = wp.mesh_get_index(surface.mesh, 3 * hit.face)
@@ -274,7 +304,8 @@ def leaf_color(surface: Surface, lighting: Lighting, ray: wp.vec3, hit: wp.MeshQ
     normal = wp.normalize(u * surface.normals[a] + v * surface.normals[b] + w * surface.normals[c])
     light_visible = u * surface.light_visible[a] + v * surface.light_visible[b] + w * surface.light_visible[c]
     sky = u * surface.sky_visible[a] + v * surface.sky_visible[b] + w * surface.sky_visible[c]
-    color = look_up(surface.texture, place[0], place[1])
+    texel = look_up(surface.texture, place[0], place[1])
+    color = wp.vec3(texel[0], texel[1], texel[2])
     if surface.tint.shape[0] > 0:
         tint = u * surface.tint[a] + v * surface.tint[b] + w * surface.tint[c]
         detail = wp.min(luminance(color) / surface.brightness, 1.7)  # pale veins would glow
@@ -322,12 +353,12 @@ def ray_color(
     ray = pixel_ray(camera, x, y)
     color = ground.color
     distance = wp.float32(0.0)
-    hit = wp.mesh_query_ray(surface.mesh, camera.position, ray, FAR)
+    hit, along_ray = first_leaf(surface, camera.position, ray, 0.1 * lighting.offset)
     if hit.result:
         color = leaf_color(surface, lighting, ray, hit)
-        distance = hit.t
+        distance = along_ray
         if wp.dot(ray, hit.normal) > 0.0:
-            distance = -hit.t
+            distance = -along_ray
     elif ray[2] < 0.0:
         along = (ground.height - camera.position[2]) / ray[2]
         if along > 0.0:

@@ -35,7 +35,6 @@ def extend_colours(colour: np.ndarray, inside: np.ndarray) -> np.ndarray:
     _, labels = cv2.distanceTransformWithLabels(
         (~inside).astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    rows, columns = np.nonzero(inside)
-    source = np.zeros(labels.max() + 1, np.int64)
-    source[labels[rows, columns]] = rows * inside.shape[1] + columns
-    return colour.reshape(inside.size, -1)[source[labels]].reshape(colour.shape)
+    palette = np.zeros((int(labels.max()) + 1, *colour.shape[2:]), colour.dtype)
+    palette[labels[inside]] = colour[inside]
+    return palette[labels]

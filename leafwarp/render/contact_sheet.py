@@ -73,7 +73,9 @@ class ContactSheet:
         self._draw_leaves(sheet, layout, poses, view)
         times = _time_labels([frame.plant_time for frame, _ in self._moments])
         for index, ((frame, water_map), time) in enumerate(zip(self._moments, times, strict=True)):
-            _draw_label(sheet, layout, index, time, f"{100.0 * _mean_water(self._leaf, frame, water_map):.0f} %")
+            # Rounding may leave a dry leaf a trace below nothing.
+            percent = max(100.0 * _mean_water(self._leaf, frame, water_map), 0.0)
+            _draw_label(sheet, layout, index, time, f"{percent:.0f} %")
         left = layout.block_corner(0)[0]
         _draw_colour_bar(sheet, left, lowest)
         _draw_scale_bar(sheet, sheet.shape[1] - left, layout.scale)

@@ -34,7 +34,8 @@ class LeafRenderer:
     Args:
         triangles: Vertex indices, counter-clockwise from the photographed side, shape [triangle_count, 3].
         uv: Texture coordinates, shape [vertex_count, 2], v upward.
-        texture: 8-bit sRGB, top row first, shape [height, width, 3].
+        texture: 8-bit sRGB, top row first, shape [height, width, 3]; of a fourth channel, the opacity, less than half
+            is a hole.
         device: Warp device.
         width: Of a picture [pixel].
         height: Of a picture [pixel].
@@ -68,7 +69,9 @@ class LeafRenderer:
             raise InputError(f"triangles: accepted: at least one, with indices from 0 to {len(uv) - 1}")
         self.size = (width, height)
         self._samples = samples
-        self._texture = to_linear(np.asarray(texture, np.uint8))
+        texture = np.asarray(texture, np.uint8)
+        opacity = np.float32(texture[..., 3:] / 255.0) if texture.shape[2] == 4 else np.ones((*texture.shape[:2], 1))
+        self._texture = np.dstack([to_linear(texture[..., :3]), opacity]).astype(np.float32)
         self._uv = np.asarray(uv, np.float64)
         self._gloss = gloss
         self.view: View | None = None
@@ -217,8 +220,9 @@ class LeafRenderer:
         rows, columns = texture.shape[:2]
         column = np.clip((self._uv[:, 0] * columns).astype(np.int64), 0, columns - 1)
         row = np.clip(((1.0 - self._uv[:, 1]) * rows).astype(np.int64), 0, rows - 1)
-        luminance = texture[row, column] @ np.array([0.2126, 0.7152, 0.0722])
-        self._surface.texture = wp.array(texture, dtype=wp.vec3, device=self._device)
+        luminance = texture[row, column, :3] @ np.array([0.2126, 0.7152, 0.0722])
+        self._surface.texture = wp.array(texture, dtype=wp.vec4, device=self._device)
+        self._surface.has_holes = bool(texture[..., 3].min() < 0.5)
         self._surface.brightness = max(float(luminance.mean()), 1e-4)
 
     def _light_scene(self, points: np.ndarray) -> None:

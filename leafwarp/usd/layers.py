@@ -25,6 +25,7 @@ from leafwarp.usd.files import Files
 
 TEXTURE_FILE_PATH = MATERIALS_PATH.AppendPath(f"{PHOTO}/texture").AppendProperty("inputs:file")
 ROUGHNESS = 0.6  # a leaf's cuticle: neither glossy nor chalky
+OPACITY_THRESHOLD = 0.5  # a texel is leaf or hole; above 0 it also keeps renderers from blending, which needs sorting
 
 
 @dataclass(frozen=True)
@@ -82,7 +83,7 @@ def rest_layer(
     declare_animation(layer, attributes)
     for path, value in rest_values.items():
         layer.GetAttributeAtPath(path).default = value
-    _define_shading(stage, mesh, has_water_color=DISPLAY_COLOR in attributes)
+    _define_shading(stage, mesh, has_opacity=leaf.texture.shape[2] == 4, has_water_color=DISPLAY_COLOR in attributes)
     return layer
 
 
@@ -109,11 +110,11 @@ def declare_animation(layer: Sdf.Layer, attributes: tuple[AnimatedAttribute, ...
     Sdf.AttributeSpec(mesh, EXTENT_PATH.name, Sdf.ValueTypeNames.Float3Array)
 
 
-def _define_shading(stage: Usd.Stage, mesh: UsdGeom.Mesh, has_water_color: bool) -> None:
+def _define_shading(stage: Usd.Stage, mesh: UsdGeom.Mesh, has_opacity: bool, has_water_color: bool) -> None:
     """Bind the photo, or offer it and the water's colour as variants: a preview surface cannot mix them."""
     UsdGeom.Scope.Define(stage, MATERIALS_PATH)
     binding = UsdShade.MaterialBindingAPI.Apply(mesh.GetPrim())
-    photo = _photo_material(stage)
+    photo = _photo_material(stage, has_opacity)
     if not has_water_color:
         binding.Bind(photo)
         return
@@ -127,17 +128,17 @@ def _define_shading(stage: Usd.Stage, mesh: UsdGeom.Mesh, has_water_color: bool)
     variants.SetVariantSelection(PHOTO)
 
 
-def _preview_material(stage: Usd.Stage, name: str) -> tuple[UsdShade.Material, UsdShade.Input]:
-    """A material with a matt preview surface, and that surface's colour input."""
+def _preview_material(stage: Usd.Stage, name: str) -> tuple[UsdShade.Material, UsdShade.Shader]:
+    """A material with a matt preview surface, and that surface."""
     path = MATERIALS_PATH.AppendChild(name)
     material = UsdShade.Material.Define(stage, path)
     surface = UsdShade.Shader.Define(stage, path.AppendChild("surface"))
     surface.CreateIdAttr("UsdPreviewSurface")
     surface.CreateInput("roughness", Sdf.ValueTypeNames.Float).Set(ROUGHNESS)
     surface.CreateInput("metallic", Sdf.ValueTypeNames.Float).Set(0.0)
-    color = surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
+    surface.CreateInput("diffuseColor", Sdf.ValueTypeNames.Color3f)
     material.CreateSurfaceOutput().ConnectToSource(surface.CreateOutput("surface", Sdf.ValueTypeNames.Token))
-    return material, color
+    return material, surface
 
 
 def _primvar_reader(
@@ -149,8 +150,9 @@ def _primvar_reader(
     return reader.CreateOutput("result", type_name)
 
 
-def _photo_material(stage: Usd.Stage) -> UsdShade.Material:
-    material, color = _preview_material(stage, PHOTO)
+def _photo_material(stage: Usd.Stage, has_opacity: bool) -> UsdShade.Material:
+    """The texture as colour and, where it has a fourth channel, as a mask to see through the leaf's holes."""
+    material, surface = _preview_material(stage, PHOTO)
     path = material.GetPath()
     st = _primvar_reader(stage, path.AppendChild("st"), "st", "UsdPrimvarReader_float2", Sdf.ValueTypeNames.Float2)
     image = UsdShade.Shader.Define(stage, TEXTURE_FILE_PATH.GetPrimPath())
@@ -160,13 +162,17 @@ def _photo_material(stage: Usd.Stage) -> UsdShade.Material:
     for wrap in ("wrapS", "wrapT"):
         image.CreateInput(wrap, Sdf.ValueTypeNames.Token).Set("clamp")
     image.CreateInput("st", Sdf.ValueTypeNames.Float2).ConnectToSource(st)
-    color.ConnectToSource(image.CreateOutput("rgb", Sdf.ValueTypeNames.Float3))
+    surface.GetInput("diffuseColor").ConnectToSource(image.CreateOutput("rgb", Sdf.ValueTypeNames.Float3))
+    if has_opacity:
+        opacity = surface.CreateInput("opacity", Sdf.ValueTypeNames.Float)
+        opacity.ConnectToSource(image.CreateOutput("a", Sdf.ValueTypeNames.Float))
+        surface.CreateInput("opacityThreshold", Sdf.ValueTypeNames.Float).Set(OPACITY_THRESHOLD)
     return material
 
 
 def _water_material(stage: Usd.Stage) -> UsdShade.Material:
-    material, color = _preview_material(stage, WATER)
-    color.ConnectToSource(
+    material, surface = _preview_material(stage, WATER)
+    surface.GetInput("diffuseColor").ConnectToSource(
         _primvar_reader(
             stage,
             material.GetPath().AppendChild("displayColor"),

@@ -18,6 +18,7 @@ from pxr import Sdf
 from leafwarp.errors import InputError, OutputError
 from leafwarp.frame import Frame
 from leafwarp.leaf.leaf import Leaf
+from leafwarp.png import encode_png
 from leafwarp.usd.attributes import UP_AXES, animated_attributes, frame_values
 from leafwarp.usd.files import Files, reported
 from leafwarp.usd.layers import (
@@ -86,7 +87,7 @@ class UsdWriter:
         files.make_frame_folder()
         keep_leftovers = files.has_leftovers()
         try:
-            files.publish(files.texture, lambda aside: _write_png(aside, texture), durable=True)
+            files.publish(files.texture, lambda aside: aside.write_bytes(encode_png(texture)), durable=True)
             if keep_leftovers:
                 # The root that an earlier, killed run left refers to those frames: replace it before they go.
                 files.publish_layer(files.root, self._merged([]))
@@ -163,13 +164,3 @@ class UsdWriter:
         """Close the file, unless an exception is on its way: the frames then stay as they are."""
         if kind is None:
             self.close()
-
-
-def _write_png(file: Path, image: np.ndarray) -> None:
-    """Write an 8-bit RGB image, top row first."""
-    import cv2
-
-    done, encoded = cv2.imencode(".png", cv2.cvtColor(image, cv2.COLOR_RGB2BGR))
-    if not done:
-        raise ValueError(f"texture: shape {image.shape}, {image.dtype} cannot be encoded as PNG")
-    file.write_bytes(encoded.tobytes())
