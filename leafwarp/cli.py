@@ -10,8 +10,21 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NoReturn
 
 from leafwarp.errors import InputError, LeafwarpError
+
+
+class _Parser(argparse.ArgumentParser):
+    """A parser that reports a bad call in one line."""
+
+    def error(self, message: str) -> NoReturn:
+        self.exit(2, f"leafwarp: {one_line(message)}; see {self.prog} --help\n")
+
+
+def one_line(message: object) -> str:
+    """A message whose parts may hold line breaks, such as the name of a file."""
+    return " ".join(str(message).split("\n"))
 
 
 def _frame_range(text: str) -> tuple[int, int]:
@@ -46,7 +59,7 @@ def _scene_arguments(parser: argparse.ArgumentParser) -> None:
 
 def make_parser() -> argparse.ArgumentParser:
     """The parser of every verb."""
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="python -m leafwarp", description="A photo of a leaf becomes an animated USD of the leaf drying."
     )
     verbs = parser.add_subparsers(dest="verb", required=True, metavar="VERB")
@@ -56,6 +69,7 @@ def make_parser() -> argparse.ArgumentParser:
     run.add_argument("-o", "--output", type=Path, default=Path("output"), help="folder, or a .usd/.usda/.usdc file")
     run.add_argument("-f", "--frames", type=_frame_range, metavar="FIRST:LAST", help="frames to write (default: all)")
     run.add_argument("--overwrite", action="store_true", help="replace results that are there already")
+    run.add_argument("--maps", action="store_true", help="also write the maps as pictures beside the USD")
     run.add_argument("--json", action="store_true", help="print the report instead of the result's path")
     run.set_defaults(action=_run)
 
@@ -78,7 +92,7 @@ def make_parser() -> argparse.ArgumentParser:
     tradeoff.add_argument("--json", action="store_true", help="print the table as JSON instead of its path")
     tradeoff.set_defaults(action=_tradeoff)
 
-    new = verbs.add_parser("new", help="write a commented scene for a photo")
+    new = verbs.add_parser("new", help="write a commented scene for a photo, and a picture of what was found in it")
     new.add_argument("photo", type=Path, help="photo of a leaf")
     new.add_argument(
         "-o", "--output", type=Path, help="scene file to write (default: the photo's name with .toml, here)"
@@ -86,7 +100,8 @@ def make_parser() -> argparse.ArgumentParser:
     new.add_argument(
         "--length", default="10 cm", help="petiole base to farthest point, such as '8 cm' (default: 10 cm)"
     )
-    new.add_argument("--overwrite", action="store_true", help="replace a scene that is there already")
+    new.add_argument("--maps", action="store_true", help="also write the maps as pictures beside the scene")
+    new.add_argument("--overwrite", action="store_true", help="replace files that are there already")
     new.set_defaults(action=_new)
 
     schema = verbs.add_parser("schema", help="print the JSON Schema of a scene, for editors")
@@ -123,9 +138,11 @@ def _run(arguments: argparse.Namespace) -> None:
             device=arguments.device,
             frames=range(first, last + 1),
             overwrite=arguments.overwrite,
+            maps=arguments.maps,
             progress_level=-1 if arguments.quiet else 0,
             signals=signals,
         )
+    _warn(report["leaf"]["notes"])
     settled = report["motion"]["settled"]
     if settled is not None and not settled["settled"]:
         print(
@@ -137,6 +154,11 @@ def _run(arguments: argparse.Namespace) -> None:
         split = ", ".join(f"{name} {ms:.1f}" for name, ms in report["milliseconds_per_frame"].items())
         print(f"{report['seconds']['total']:.1f} s in all; milliseconds a frame: {split}", file=sys.stderr)
     print(json.dumps(report) if arguments.json else paths.usd)
+
+
+def _warn(notes: Sequence[str]) -> None:
+    for note in notes:
+        print(f"leafwarp: note: {one_line(note)}", file=sys.stderr)
 
 
 def _plan(arguments: argparse.Namespace) -> None:
@@ -166,10 +188,13 @@ def _tradeoff(arguments: argparse.Namespace) -> None:
 
 
 def _new(arguments: argparse.Namespace) -> None:
-    from leafwarp.template import write_new_scene
+    from leafwarp.new import write_new_scene
 
     output = arguments.output or Path(arguments.photo.with_suffix(".toml").name)
-    print(write_new_scene(arguments.photo, output, arguments.length, arguments.overwrite))
+    new = write_new_scene(arguments.photo, output, arguments.length, arguments.overwrite, arguments.maps)
+    _warn(new.findings.notes)
+    print(f"leafwarp: see in {new.overlay} what was found in the photo", file=sys.stderr)
+    print(new.scene)
 
 
 def _schema(arguments: argparse.Namespace) -> None:
@@ -188,7 +213,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         parsed.action(parsed)
         sys.stdout.flush()
     except LeafwarpError as error:
-        print(f"leafwarp: {error}", file=sys.stderr)
+        print(f"leafwarp: {one_line(error)}", file=sys.stderr)
         return error.exit_code
     except KeyboardInterrupt:
         print("leafwarp: stopped", file=sys.stderr)

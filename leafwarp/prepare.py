@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from leafwarp.leaf import prepare_leaf
+from leafwarp.leaf import LeafRequest, prepare_leaf
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 
@@ -19,14 +19,19 @@ def prepare_scene_leaf(scene: Scene, cache: Path | None) -> Leaf:
     Raises:
         InputError: The photo or a map cannot be used.
     """
-    return prepare_leaf(
+    request = LeafRequest(
         scene.leaf.image,
         length=scene.leaf.length,
         pixels_per_metre=scene.leaf.pixels_per_metre,
         mask=scene.leaf.mask,
+        rect=scene.leaf.rect,
         base=scene.leaf.base,
+        holes=scene.leaf.holes,
         vertices=scene.mesh.vertices,
+        follow_veins=scene.mesh.follow_veins,
         map_size=scene.maps.shape if scene.map_names else None,
         maps={name: getattr(scene.maps, name) for name in scene.map_names},
-        cache=cache,
+        seed=scene.leaf.seed,
+        texture_limit=scene.output.texture_limit,
     )
+    return prepare_leaf(request, cache)

@@ -14,7 +14,7 @@ from leafwarp import __version__
 if TYPE_CHECKING:
     from leafwarp.sim.simulation import Simulation
 
-PACKAGES = ("warp-lang", "numpy", "opencv-python-headless", "trimesh", "usd-core")
+PACKAGES = ("warp-lang", "numpy", "scipy", "opencv-python-headless", "netgen-mesher", "usd-core")
 # Done once a run, however many frames it has.
 ONCE = ("prepare", "start", "settle", "usd_close", "contact_sheet_draw")
 

@@ -21,6 +21,7 @@ from leafwarp.scene import Scene
 from leafwarp.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
+    from leafwarp.leaf.leaf import Leaf
     from leafwarp.sim.simulation import Simulation
     from leafwarp.usd.writer import UsdWriter
 
@@ -41,6 +42,10 @@ class OutputPaths:
     report: Path
     contact_sheet: Path
     cache: Path
+
+    def map(self, name: str) -> Path:
+        """Picture of a map."""
+        return self.usd.with_name(f"{self.usd.stem}.{name}.png")
 
 
 def output_paths(scene: Scene, output: Path) -> OutputPaths:
@@ -64,13 +69,14 @@ def output_paths(scene: Scene, output: Path) -> OutputPaths:
     )
 
 
-def make_output_folder(scene: Scene, paths: OutputPaths, overwrite: bool) -> None:
-    """Make the folder of the results and see that they may be written.
+def make_output_folder(scene: Scene, paths: OutputPaths, overwrite: bool, maps: bool = False) -> None:
+    """Make the folder of the results, with or without the pictures of the maps, and see that they may be written.
 
     Raises:
         InputError: A result is there already or is one of the scene's own images, or the folder cannot be written.
     """
     results = [paths.usd, paths.texture, paths.report, *([paths.contact_sheet] * scene.output.contact_sheet)]
+    results += [paths.map(name) for name in scene.map_names if maps]
     inputs = [scene.leaf.image, scene.leaf.mask, *(getattr(scene.maps, name) for name in scene.map_names)]
     images = {Path(path).resolve() for path in inputs if isinstance(path, Path)}
     for path in results:
@@ -105,6 +111,7 @@ def run_scene(
     device: str = "cpu",
     frames: range | None = None,
     overwrite: bool = False,
+    maps: bool = False,
     progress_level: int = 0,
     signals: Sequence[int] = (),
 ) -> dict[str, Any]:
@@ -116,6 +123,7 @@ def run_scene(
         device: Warp device.
         frames: Frames to write; those before are computed only. Default: all.
         overwrite: Replace results that are there already.
+        maps: Also write the maps as pictures beside the USD.
         progress_level: -1 for silence.
         signals: Numbers of signals that have arrived; looked at after every frame, and the first one ends the run.
 
@@ -135,9 +143,11 @@ def run_scene(
     begin = time.perf_counter()
     watch = Stopwatch()
     device = check_device(device)
-    make_output_folder(scene, paths, overwrite)
+    make_output_folder(scene, paths, overwrite, maps)
     with watch("prepare"):
         leaf = prepare_scene_leaf(scene, paths.cache)
+        if maps:
+            save_maps(leaf, paths.usd.parent, paths.usd.stem)
     frames = frames or range(1, scene.time.frames + 1)
     simulation = Simulation(scene, leaf, device)
     sheet = simulation.stage("contact_sheet")
@@ -168,10 +178,48 @@ def run_scene(
             sheet.save(paths.contact_sheet)
     seconds = watch.seconds | simulation.watch.seconds
     report = make_report(simulation, seconds, frame_seconds, time.perf_counter() - begin)
+    report["leaf"] = _leaf_report(leaf)
     write_text(paths.report, json.dumps(report, indent=1) + "\n")
     if failure is not None:
         raise failure
     return report
+
+
+def save_maps(leaf: Leaf, folder: Path, stem: str) -> list[Path]:
+    """Write the maps of a leaf as pictures ``STEM.NAME.png`` of the whole photo, which a scene can name in their stead.
+
+    Args:
+        leaf: The leaf, made from a photo.
+        folder: Where to write.
+        stem: Start of the files' names.
+
+    Returns:
+        The files; none for a leaf without maps.
+
+    Raises:
+        OutputError: A file cannot be written.
+    """
+    from leafwarp.leaf.maps.files import write_maps
+    from leafwarp.leaf.maps.pixel_frame import PixelFrame
+
+    if not leaf.maps:
+        return []
+    frame = PixelFrame.of(leaf)
+    return write_maps(leaf.maps, leaf.mask, folder, stem, frame=frame, photo_size=leaf.findings.photo_size)
+
+
+def _leaf_report(leaf: Leaf) -> dict[str, Any]:
+    """What was found in the photo, as plain data."""
+    findings = leaf.findings
+    return {
+        "length": leaf.length,
+        "area": float(leaf.mesh.vertex_areas.sum()),
+        "confidence": None if findings is None else findings.confidence,
+        "base_found": None if findings is None else findings.base_found,
+        "vein_kind": None if findings is None else findings.vein_kind,
+        "notes": [] if findings is None else list(findings.notes),
+        "seconds": {} if findings is None else dict(findings.seconds),
+    }
 
 
 def _run_frames(

@@ -66,6 +66,11 @@ class LeafTable(_Table):
 
     image: Path = Field(description="Photo of the leaf (PNG, JPEG, TIFF, WebP), relative to the scene file.")
     mask: Path | None = Field(None, description="Image that is bright on the leaf; replaces the segmentation.")
+    rect: tuple[Component, Component, Component, Component] | None = Field(
+        None,
+        description="Left, top, width and height [pixel of the photo, x right, y down] of the part in which to look "
+        "for the leaf.",
+    )
     base: tuple[Component, Component] | None = Field(
         None, description="Petiole base [pixel of the photo, x right, y down]; replaces the detection."
     )
@@ -75,6 +80,10 @@ class LeafTable(_Table):
     pixels_per_metre: Number | None = Field(
         None, ge=1.0, le=1e8, description="Scale of the photo [pixel/m]; instead of length."
     )
+    holes: Literal["fill", "keep"] = Field(
+        "fill",
+        description="fill: holes of the leaf are transparent in its texture; keep: they are holes of the mesh.",
+    )
     camber: Number = Field(
         0.01,
         ge=0.0,
@@ -82,7 +91,9 @@ class LeafTable(_Table):
         description="Height of a smooth imperfection of the flat leaf, as a share of its length; it decides which way "
         "the leaf buckles.",
     )
-    seed: Integer = Field(0, ge=0, lt=2**31, description="Seed of the camber.")
+    seed: Integer = Field(
+        0, ge=0, lt=2**31, description="Seed of the camber, and of veins and stomata that are made up."
+    )
 
     @model_validator(mode="after")
     def _one_scale(self) -> LeafTable:
@@ -95,6 +106,7 @@ class MeshTable(_Table):
     """The triangle mesh."""
 
     vertices: Integer = Field(1707, ge=30, le=200_000, description="Number of vertices aimed at.")
+    follow_veins: Switch = Field(False, description="Main veins become edges of the mesh.")
 
 
 class MapsTable(_Table):
@@ -103,7 +115,11 @@ class MapsTable(_Table):
     size: tuple[Integer, Integer] | Integer = Field(
         256, description="Cells of the map: one number for a square one, or [width, height]."
     )
-    venation: Literal["auto"] | Path = Field("auto", description="Flow capacity, 0 (lamina) to 1 (midrib).")
+    venation: Literal["auto", "photo", "pinnate", "palmate", "parallel"] | Path = Field(
+        "auto",
+        description="Flow capacity, 0 (lamina) to 1 (midrib): an image, or the veins that the photo shows, or made-up "
+        "ones; auto takes those of the photo where it shows them.",
+    )
     stomata: Literal["auto"] | Path = Field("auto", description="Density of stomata, 0 to 1.")
     water: Literal["auto"] | Share | Path = Field(
         "auto", description="Relative water content at the start: an image, a number, or auto (saturated)."
@@ -286,6 +302,9 @@ class OutputTable(_Table):
 
     contact_sheet: Switch = Field(False, description="A picture of eight moments, water above and leaf below.")
     display_color: Switch = Field(False, description="Vertex colours: a plain ramp of water from brown to green.")
+    texture_limit: Annotated[int, Strict(), Field(ge=16, le=65536)] | None = Field(
+        None, description="Longest side of the texture [pixel]; default: as fine as the photo."
+    )
     up_axis: Literal["Y", "Z"] = Field("Z", description="Up axis of the USD.")
 
 

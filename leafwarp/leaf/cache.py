@@ -4,20 +4,23 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import json
 import os
 from pathlib import Path
 
 import numpy as np
 
-from leafwarp.leaf.leaf import Leaf, LeafMesh, MapFrame
+from leafwarp.leaf.leaf import Findings, Leaf, MapFrame
+from leafwarp.leaf.mesh.topology import mesh_from_triangles
 
-_MESH_ARRAYS = ("positions", "triangles", "edges", "hinges", "edge_areas", "vertex_areas")
+_PLAIN_FINDINGS = ("base", "photo_size", "base_found", "pixel", "confidence", "notes", "vein_kind", "seconds")
+_MESH_ARRAYS = ("positions", "triangles")
 
 
 def content_key(arguments: object, files: list[bytes]) -> str:
     """Hexadecimal key of some arguments (by their repr), some files' bytes and the source of this package."""
     digest = hashlib.blake2b(digest_size=16)
-    sources = [source.read_bytes() for source in sorted(Path(__file__).parent.glob("*.py"))]
+    sources = [source.read_bytes() for source in sorted(Path(__file__).parent.rglob("*.py"))]
     for part in (repr(arguments).encode(), *files, *sources):
         digest.update(len(part).to_bytes(8, "little"))
         digest.update(part)
@@ -28,7 +31,8 @@ def load_leaf(path: Path) -> Leaf | None:
     """The leaf stored in a file, or None where there is none or the file is damaged."""
     try:
         with np.load(path, allow_pickle=False) as stored:
-            mesh = LeafMesh(**{name: stored[name] for name in _MESH_ARRAYS})
+            # Checks the sheet, so that a damaged file is never simulated.
+            mesh = mesh_from_triangles(stored["positions"], stored["triangles"], holes=None)
             origin, size = stored["frame"].tolist()
             maps = {name.removeprefix("map_"): stored[name] for name in stored.files if name.startswith("map_")}
             return Leaf(
@@ -38,6 +42,7 @@ def load_leaf(path: Path) -> Leaf | None:
                 texture=stored["texture"],
                 mask=stored["mask"] if "mask" in stored.files else None,
                 maps=maps,
+                findings=_read_findings(stored),
             )
     except Exception:  # a damaged archive fails in many ways, each with its own type; the leaf is then made anew
         return None
@@ -54,6 +59,8 @@ def store_leaf(path: Path, leaf: Leaf) -> None:
     arrays["texture"] = leaf.texture
     if leaf.mask is not None:
         arrays["mask"] = leaf.mask
+    if leaf.findings is not None:
+        arrays |= _findings_arrays(leaf.findings)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -63,3 +70,25 @@ def store_leaf(path: Path, leaf: Leaf) -> None:
     except OSError:
         with contextlib.suppress(OSError):
             temporary.unlink(missing_ok=True)
+
+
+def _findings_arrays(findings: Findings) -> dict[str, np.ndarray]:
+    plain = {name: getattr(findings, name) for name in _PLAIN_FINDINGS}
+    points = [points for points, _ in findings.veins]
+    return {
+        "findings": np.array(json.dumps(plain)),
+        "outline": findings.outline,
+        "vein_lengths": np.array([len(line) for line in points], np.int64),
+        "vein_points": np.concatenate(points) if points else np.zeros((0, 2)),
+        "vein_flow": np.concatenate([flow for _, flow in findings.veins]) if points else np.zeros(0),
+    }
+
+
+def _read_findings(stored: np.lib.npyio.NpzFile) -> Findings | None:
+    if "findings" not in stored.files:
+        return None
+    plain = json.loads(str(stored["findings"]))
+    plain |= {name: tuple(plain[name]) for name in ("base", "photo_size", "notes")}
+    ends = np.cumsum(stored["vein_lengths"])[:-1]
+    veins = zip(np.split(stored["vein_points"], ends), np.split(stored["vein_flow"], ends), strict=True)
+    return Findings(outline=stored["outline"], veins=tuple(veins) if len(stored["vein_lengths"]) else (), **plain)

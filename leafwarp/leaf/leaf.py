@@ -64,6 +64,36 @@ class LeafMesh:
 
 
 @dataclass(frozen=True)
+class Findings:
+    """What was found in the photo, for a person to judge. Points are pixels of the upright photo, (x, y), y down.
+
+    Attributes:
+        outline: Corners of the closed outline, shape [count, 2].
+        base: The petiole's end.
+        base_found: How: "stalk", "veins" or "given".
+        photo_size: Width and height of the photo [pixels].
+        pixel: Size of a photo pixel [m].
+        confidence: How sure the segmentation is, in [0, 1]; 1 where a mask is given.
+        notes: Sentences for the user, one a line.
+        veins: Points of each stretch of vein, shape [count, 2], and the share of the leaf drained through each of them,
+            shape [count].
+        vein_kind: Where the veins come from: "photo", or "pinnate", "palmate" or "parallel" where they are made up.
+        seconds: Wall time of each step of the preparation [s].
+    """
+
+    outline: np.ndarray
+    base: tuple[float, float]
+    photo_size: tuple[int, int] = (0, 0)
+    base_found: str = "given"
+    pixel: float = 1.0
+    confidence: float = 1.0
+    notes: tuple[str, ...] = ()
+    veins: tuple[tuple[np.ndarray, np.ndarray], ...] = ()
+    vein_kind: str = ""
+    seconds: dict[str, float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
 class Leaf:
     """A leaf ready for simulation.
 
@@ -71,12 +101,14 @@ class Leaf:
         mesh: The mesh.
         frame: The rectangle that the maps and the texture cover.
         length: Distance from the petiole base to the farthest point of the outline [m].
-        texture: Colour of the frame, 8-bit RGB, top row first, shape [height, width, 3]; colour bled past the outline.
+        texture: Colour of the frame, 8-bit RGB, top row first, shape [height, width, 3]; colour bled past the
+            outline. A fourth channel is the opacity, where the leaf has holes that its mesh does not have.
         mask: Cells that are leaf, bottom row first, shape [ny, nx], bool; one 4-connected region.
             Absent (None) where the scene asks for no maps.
         maps: Named maps, bottom row first, shape [ny, nx], float64, in [0, 1]; of ``venation`` (flow capacity),
             ``stomata``, ``water`` (relative water content at the start), ``source`` (non-negative weights with sum 1:
             where water enters), those that the scene requires.
+        findings: What was found in the photo; None for a leaf that is not made from one.
     """
 
     mesh: LeafMesh
@@ -85,6 +117,7 @@ class Leaf:
     texture: np.ndarray
     mask: np.ndarray | None = None
     maps: dict[str, np.ndarray] = field(default_factory=dict)
+    findings: Findings | None = None
 
     @property
     def uv(self) -> np.ndarray:
