@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 
 from conftest import SCENES
-from leafwarp.leaf.mesh import check_disc
+from leafwarp.leaf.mesh.quality import mesh_quality
+from leafwarp.leaf.mesh.topology import check_topology
 from leafwarp.scene import Scene
 from leafwarp.scene_file import load_scene
 from leafwarp.sim.simulation import Simulation
@@ -25,13 +27,18 @@ def shipped(name: str, **changes) -> Scene:
 @pytest.mark.parametrize("name", sorted(p.stem for p in SCENES.glob("*.toml")))
 def test_meshes_are_discs(name: str, scene_leaf) -> None:
     mesh = scene_leaf(shipped(name)).mesh
-    quality = check_disc(mesh)
+    check_topology(mesh)
     assert mesh.vertex_count - mesh.edge_count + mesh.triangle_count == 1
     assert mesh.vertex_count == pytest.approx(shipped(name).mesh.vertices, rel=0.02)
-    assert quality.minimum_angle > 20.0
-    corners = mesh.positions[mesh.triangles]
-    sides = corners[:, 1:] - corners[:, :1]
-    assert (sides[:, 0, 0] * sides[:, 1, 1] > sides[:, 0, 1] * sides[:, 1, 0]).all()  # counter-clockwise
+    assert mesh_quality(mesh).minimum_angle > 20.0
+    # What an independent library sees.
+    seen = trimesh.Trimesh(np.pad(mesh.positions, ((0, 0), (0, 1))), mesh.triangles, process=False)
+    assert seen.euler_number == 1 and seen.body_count == 1 and seen.is_winding_consistent
+    assert len(seen.referenced_vertices) == seen.referenced_vertices.sum() == mesh.vertex_count
+    assert len(seen.edges_unique) == mesh.edge_count and len(seen.face_adjacency) == mesh.hinge_count
+    assert len(seen.outline().entities) == 1
+    assert seen.face_normals[:, 2] == pytest.approx(1.0)  # counter-clockwise
+    assert seen.area == pytest.approx(mesh.vertex_areas.sum(), rel=1e-9)
 
 
 def test_bramble_has_the_papers_mesh_and_map(scene_leaf) -> None:
