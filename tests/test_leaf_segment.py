@@ -1,0 +1,232 @@
+"""The leaf found in drawn photos over all backgrounds, what is refused, and what must not change it."""
+
+from __future__ import annotations
+
+from functools import cache
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from leaf_photos import BACKGROUNDS, OTHER_THINGS, LeafPhoto, leaf_photo, other_thing
+from leafwarp.errors import InputError
+from leafwarp.leaf.image.photo import Photo
+from leafwarp.leaf.segment.silhouette import LEAST_CONFIDENCE, Silhouette, silhouette
+
+LEAST_AGREEMENT = 0.97  # of leaf and truth: half a pixel along a serrated margin of these small pictures is 1-2 %
+LEAST_PETIOLE = 0.9  # of the petiole's pixels; its rim is lost to blur
+AREA_CHANGE = 0.03  # that turning, scaling, compressing or tinting a photo may make
+REAL = Path(__file__).parents[2] / "shared" / "leaves"
+needs_real = pytest.mark.skipif(not REAL.is_dir(), reason="the real photos are not here")
+REAL_LEAVES = (
+    "corn_gls", "grape_esca", "grapevine", "leafcalc1", "poplar", "potato_hole", "raspberry", "squash", "zelkova",
+)  # fmt: skip
+
+
+def find(colour: np.ndarray, **arguments) -> Silhouette:
+    return silhouette(Photo(Path("leaf.png"), np.ascontiguousarray(colour), None), **arguments)
+
+
+def refusal(colour: np.ndarray, **arguments) -> str:
+    with pytest.raises(InputError) as caught:
+        find(colour, **arguments)
+    message = str(caught.value)
+    assert message.startswith("leaf.png: ") and "accepted: " in message and "\n" not in message
+    return message
+
+
+def agreement(first: np.ndarray, second: np.ndarray) -> float:
+    """Intersection over union."""
+    return np.count_nonzero(first & second) / np.count_nonzero(first | second)
+
+
+def assert_found(shape: Silhouette, truth: LeafPhoto) -> None:
+    assert shape.confidence >= LEAST_CONFIDENCE
+    assert agreement(shape.inside, truth.leaf) >= LEAST_AGREEMENT
+    assert np.count_nonzero(shape.inside & truth.petiole) >= LEAST_PETIOLE * np.count_nonzero(truth.petiole)
+
+
+def area(shape: Silhouette) -> float:
+    """Area in pixels of the photo."""
+    return np.count_nonzero(shape.inside) * shape.scale[0] * shape.scale[1]
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("background", BACKGROUNDS)
+def test_every_background(background: str, seed: int) -> None:
+    truth = leaf_photo(background, 10 * seed + BACKGROUNDS.index(background))
+    shape = find(truth.colour)
+    assert_found(shape, truth)
+    assert shape.holes is None or background == "wood"  # a brown spot on brown wood cannot be told from a hole
+    assert shape.field.dtype == np.float32 and np.abs(shape.field).max() <= 1.0
+
+
+@pytest.mark.parametrize("background", BACKGROUNDS)
+def test_hole_glare_and_scale_bar(background: str) -> None:
+    truth = leaf_photo(background, 20 + BACKGROUNDS.index(background), glare=True, hole=True, ruler=True, spots=0)
+    shape = find(truth.colour)
+    assert_found(shape, truth)
+    assert shape.holes is not None
+    assert agreement(shape.holes, truth.hole) > 0.8  # the hole is 25 pixels wide: a pixel around it is 15 %
+
+
+@pytest.mark.parametrize("colour", [(185, 170, 60), (150, 50, 35), (120, 85, 50), (40, 60, 30)])
+@pytest.mark.parametrize("background", ["white", "grey"])
+def test_yellow_red_brown_and_dark_leaves(background: str, colour: tuple[int, int, int]) -> None:
+    truth = leaf_photo(background, 5, colour=colour, spots=0)
+    assert_found(find(truth.colour), truth)
+
+
+@pytest.mark.parametrize("shadow", [0.6, 0.8])
+def test_hard_shadow_is_not_leaf(shadow: float) -> None:
+    truth = leaf_photo("grey", 9, shadow=shadow)
+    assert_found(find(truth.colour), truth)
+
+
+@pytest.mark.parametrize("background", ["white", "grey", "black"])
+def test_compound_leaf_stays_one(background: str) -> None:
+    truth = leaf_photo(background, 12, leaflets=3, spots=0)
+    assert_found(find(truth.colour), truth)
+
+
+@pytest.mark.parametrize(("side", "size"), [(256, 0.3), (700, 0.1), (1500, 0.3)])
+def test_sizes(side: int, size: float) -> None:
+    truth = leaf_photo("white", 3, side=side, size=size)
+    shape = find(truth.colour)
+    assert max(shape.field.shape) <= 1024
+    whole = cv2.resize(shape.field, truth.leaf.shape[::-1], interpolation=cv2.INTER_LINEAR) > 0.0
+    assert agreement(whole, truth.leaf) >= LEAST_AGREEMENT
+
+
+def test_grey_picture() -> None:
+    truth = leaf_photo("white", 4, shadow=0.1)
+    grey = cv2.cvtColor(truth.colour, cv2.COLOR_RGB2GRAY)
+    assert agreement(find(np.dstack([grey] * 3)).inside, truth.leaf) >= LEAST_AGREEMENT
+
+
+@pytest.mark.parametrize("kind", OTHER_THINGS)
+def test_other_things_are_refused(kind: str) -> None:
+    for seed in range(2):
+        assert "found" in refusal(other_thing(kind, side=240, seed=seed))
+
+
+def test_two_leaves_and_the_rectangle_that_picks_one() -> None:
+    large, small = leaf_photo("white", 1, shadow=0.2), leaf_photo("white", 2, size=0.22, shadow=0.2)
+    both = np.hstack([large.colour, small.colour])
+    shape = find(both)
+    assert agreement(shape.inside[:, :400], large.leaf) >= LEAST_AGREEMENT and not shape.inside[:, 400:].any()
+    assert any("2 leaves seen, the largest is taken: leaf.rect" in note for note in shape.notes)
+    shape = find(both, rect=(400, 0, 400, 400))
+    assert shape.inside.shape == both.shape[:2]
+    assert agreement(shape.inside[:, 400:], small.leaf) >= LEAST_AGREEMENT and not shape.inside[:, :400].any()
+    assert not shape.notes
+
+
+@pytest.mark.parametrize("rect", [(0, 0, 5, 5), (390, 10, 300, 300), (0, 0, np.nan, 20), (0, 0, 100), (-50, 0, 60, 90)])
+def test_rectangle_off_the_photo_is_refused(rect: tuple) -> None:
+    assert "rect: value" in refusal(leaf_photo("white", 1).colour, rect=rect)
+
+
+def test_leaf_that_is_cut_by_the_picture() -> None:
+    truth = leaf_photo("white", 1, shadow=0.2, size=0.32)
+    rows, columns = np.nonzero(truth.leaf)
+    part = truth.colour[:, : int(columns.min() + 0.75 * np.ptp(columns))]
+    shape = find(part)
+    assert any("outline lies on the picture's border" in note for note in shape.notes)
+    assert agreement(shape.inside, truth.leaf[:, : part.shape[1]]) >= LEAST_AGREEMENT
+    middle = truth.colour[int(rows.mean()) - 40 : int(rows.mean()) + 40, int(columns.mean()) - 40 :][:, :80]
+    assert "found" in refusal(middle)
+
+
+def test_opacity_and_mask() -> None:
+    truth = leaf_photo("white", 6, hole=True, spots=0)
+    opacity = np.where(truth.leaf & ~truth.hole, 255, 0).astype(np.uint8)
+    shape = silhouette(Photo(Path("leaf.png"), truth.colour, opacity))
+    assert shape.confidence == 1.0 and not shape.notes
+    np.testing.assert_array_equal(shape.inside, truth.leaf)
+    np.testing.assert_array_equal(shape.holes, truth.hole)
+    with pytest.raises(InputError, match=r"leaf.png: opacity: no leaf in it"):
+        silhouette(Photo(Path("leaf.png"), truth.colour, np.zeros_like(opacity)))
+    with pytest.raises(InputError, match=r"m.png: mask: no leaf in it"):
+        find(truth.colour, mask=np.zeros((40, 40)), mask_path=Path("m.png"))
+    with pytest.raises(InputError, match=r"m.png: mask: all of it is leaf"):
+        find(truth.colour, mask=np.ones((40, 40)), mask_path=Path("m.png"))
+
+
+def turned(colour: np.ndarray, degrees: float) -> np.ndarray:
+    """A picture turned, the corners filled with the colour of its border."""
+    height, width = colour.shape[:2]
+    side = int(np.hypot(height, width)) + 2
+    turn = cv2.getRotationMatrix2D((width / 2, height / 2), degrees, 1.0)
+    turn[:, 2] += ((side - width) / 2, (side - height) / 2)
+    ground = [float(value) for value in np.median(np.concatenate([colour[0], colour[-1]]), axis=0)]
+    return cv2.warpAffine(colour, turn, (side, side), borderMode=cv2.BORDER_CONSTANT, borderValue=ground)
+
+
+def compressed(colour: np.ndarray, quality: int) -> np.ndarray:
+    return cv2.imdecode(cv2.imencode(".jpg", colour, [cv2.IMWRITE_JPEG_QUALITY, quality])[1], cv2.IMREAD_COLOR)
+
+
+def rescaled(colour: np.ndarray, factor: float) -> np.ndarray:
+    way = cv2.INTER_AREA if factor < 1.0 else cv2.INTER_CUBIC
+    return cv2.resize(colour, None, fx=factor, fy=factor, interpolation=way)
+
+
+def tinted(colour: np.ndarray, gains: tuple[float, float, float]) -> np.ndarray:
+    return np.clip(colour * np.array(gains), 0, 255).astype(np.uint8)
+
+
+CHANGES = {
+    "turned 90": (lambda colour: np.rot90(colour), 1.0),
+    "turned 180": (lambda colour: np.rot90(colour, 2), 1.0),
+    "turned 37": (lambda colour: turned(colour, 37.0), 1.0),
+    "mirrored": (lambda colour: colour[:, ::-1], 1.0),
+    "halved": (lambda colour: rescaled(colour, 0.5), 0.25),
+    "doubled": (lambda colour: rescaled(colour, 2.0), 4.0),
+    "JPEG 60": (lambda colour: compressed(colour, 60), 1.0),
+    "warmer": (lambda colour: tinted(colour, (1.15, 1.0, 0.85)), 1.0),
+    "colder": (lambda colour: tinted(colour, (0.85, 1.0, 1.15)), 1.0),
+    "greener": (lambda colour: tinted(colour, (0.85, 1.15, 0.85)), 1.0),
+}
+
+
+@cache
+def drawn_and_area(background: str) -> tuple[np.ndarray, float]:
+    colour = leaf_photo(background, 31, side=260).colour
+    return colour, area(find(colour))
+
+
+@pytest.mark.parametrize("background", ["white", "grey", "wood"])
+@pytest.mark.parametrize("name", CHANGES)
+def test_a_changed_photo_shows_the_same_leaf(name: str, background: str) -> None:
+    colour, before = drawn_and_area(background)
+    change, factor = CHANGES[name]
+    assert area(find(change(colour))) == pytest.approx(factor * before, rel=AREA_CHANGE)
+
+
+def real_photo(name: str, side: int = 320) -> np.ndarray:
+    colour = cv2.cvtColor(cv2.imread(str(REAL / f"{name}.jpg")), cv2.COLOR_BGR2RGB)
+    return rescaled(colour, side / max(colour.shape)) if max(colour.shape) > side else colour
+
+
+@needs_real
+@pytest.mark.parametrize("name", REAL_LEAVES)
+def test_a_changed_real_photo_shows_the_same_leaf(name: str) -> None:
+    """The changes that test_leaf_invariance does not make to these photos."""
+    colour = real_photo(name)
+    before = area(find(colour))
+    changes = ["turned 37", "colder", "greener"]
+    # Turned by 37 degrees a cut edge becomes outline, and graph paper a thing on a ground of another colour.
+    if name in ("corn_gls", "grapevine", "potato_hole"):
+        changes[0] = "turned 180"
+    for label in changes:
+        change, factor = CHANGES[label]
+        assert area(find(change(colour))) == pytest.approx(factor * before, rel=AREA_CHANGE), label
+
+
+@needs_real
+def test_a_leaf_that_fills_the_photo_is_refused() -> None:
+    colour = real_photo("corn_full")
+    for label in ("turned 90", "halved", "JPEG 60", "warmer", "colder", "greener"):
+        assert "found" in refusal(CHANGES[label][0](colour)), label
