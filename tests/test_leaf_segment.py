@@ -230,3 +230,17 @@ def test_a_leaf_that_fills_the_photo_is_refused() -> None:
     colour = real_photo("corn_full")
     for label in ("turned 90", "halved", "JPEG 60", "warmer", "colder", "greener"):
         assert "found" in refusal(CHANGES[label][0](colour)), label
+
+
+@pytest.mark.parametrize("vein", [(92, 165, 75), (150, 190, 120)])
+def test_the_veins_of_a_leaf_that_fills_the_photo_are_no_leaf(vein: tuple[int, int, int]) -> None:
+    """Green on green, lighter and of the same or of less colour; midrib and side veins run from border to border."""
+    picture = np.full((320, 400, 3), (66, 125, 50), np.float32)
+    grain = np.random.default_rng(4).normal(0.0, 12.0, (320, 400)).astype(np.float32)
+    picture += cv2.GaussianBlur(grain, (0, 0), 6.0)[..., None] * 5.0
+    cv2.line(picture, (200, -10), (200, 330), vein, 8, cv2.LINE_AA)
+    for foot in range(0, 480, 60):
+        for end in (-10, 410):
+            cv2.line(picture, (200, foot), (end, foot - 70), vein, 4, cv2.LINE_AA)
+    message = refusal(np.clip(picture, 0.0, 255.0).astype(np.uint8))
+    assert "a leaf seems to fill the picture" in message or "no leaf found for sure" in message

@@ -28,6 +28,7 @@ SURE = 0.75  # the same where less is known of the background
 MOST_PIECES = 6  # of like size in a picture of leaves
 SAME_BLADE = 0.9  # least agreement of two guesses at it
 MOST_RIVALS = 6
+THIN = 0.06  # half width of veins, as a share of the picture's shorter side
 MOST_CUT = 0.42  # share of the outline on the picture's border
 NOTED_CUT = 0.01
 MOST_BORDER = 0.6  # of the picture's border that a leaf before a background may touch
@@ -208,13 +209,24 @@ def _confidence(guess: Guess, support: float, lab: np.ndarray, background: Backg
 
 
 def _fills_picture(guess: Guess, lab: np.ndarray, background: Background) -> bool:
-    """Whether what a guess takes for background is leaf: a paler thing on a leafy green one is its midrib."""
+    """Whether what a guess takes for background is leaf: a paler thing on a leafy green one is its midrib, and so is a
+    thin thing that runs from border to border on it, with its side veins."""
     light, green, yellow = np.median(background.colours, axis=0)
     leafy = (
         light < 85.0 and np.hypot(green, yellow) > 12.0 and 95.0 < np.degrees(np.arctan2(yellow, green)) % 360.0 < 170.0
     )
     paler = np.hypot(*np.median(lab[guess.inside][:, 1:], axis=0)) < np.hypot(green, yellow)
-    return border_contact(guess.inside) > MOST_BORDER or bool(leafy and paler)
+    return border_contact(guess.inside) > MOST_BORDER or bool(leafy and (paler or _crosses_thinly(guess.inside)))
+
+
+def _crosses_thinly(inside: np.ndarray) -> bool:
+    """Whether a thing is thin everywhere and touches several sides of the picture."""
+    import cv2
+
+    touched = sum(side.any() for side in (inside[0], inside[-1], inside[:, 0], inside[:, -1]))
+    # The rim of the picture is no margin of the thing.
+    depth = cv2.distanceTransform(np.pad(inside, 1, mode="edge").astype(np.uint8), cv2.DIST_L2, cv2.DIST_MASK_PRECISE)
+    return touched >= 2 and float(depth.max()) < THIN * min(inside.shape)
 
 
 def _checked_rect(photo: Photo, rect: tuple[float, float, float, float] | None) -> tuple[float, float, float, float]:
