@@ -12,6 +12,7 @@ import pytest
 from leaf_photos import BACKGROUNDS, OTHER_THINGS, LeafPhoto, leaf_photo, other_thing
 from leafwarp.errors import InputError
 from leafwarp.leaf.image.photo import Photo
+from leafwarp.leaf.segment.refine import cleaned
 from leafwarp.leaf.segment.silhouette import LEAST_CONFIDENCE, Silhouette, silhouette
 
 LEAST_AGREEMENT = 0.97  # of leaf and truth: half a pixel along a serrated margin of these small pictures is 1-2 %
@@ -244,3 +245,15 @@ def test_the_veins_of_a_leaf_that_fills_the_photo_are_no_leaf(vein: tuple[int, i
             cv2.line(picture, (200, foot), (end, foot - 70), vein, 4, cv2.LINE_AA)
     message = refusal(np.clip(picture, 0.0, 255.0).astype(np.uint8))
     assert "a leaf seems to fill the picture" in message or "no leaf found for sure" in message
+
+
+def test_a_stalk_that_the_margin_cut_off_at_its_foot_is_joined_again() -> None:
+    """As where a small picture blurs the foot of a thin petiole."""
+    leaf = np.zeros((120, 90), bool)
+    leaf[10:70, 15:75] = True
+    leaf[70:110, 43:47] = True
+    field = np.where(leaf, 1.0, -1.0).astype(np.float32)
+    field[67:74, 40:50] = -0.2
+    inside = cleaned(field, leaf) > 0.0
+    assert inside[109, 44] and inside[72, 43:47].any()
+    assert not inside[72, :42].any() and not inside[72, 48:].any()

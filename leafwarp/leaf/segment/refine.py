@@ -331,6 +331,15 @@ def _distance(mask: np.ndarray) -> np.ndarray:
     return cv2.distanceTransform(mask.astype(np.uint8), cv2.DIST_L2, 5)
 
 
+def _bridged(field: np.ndarray, leaf: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """A field with its largest lost piece joined to the rest by the shortest way through the leaf."""
+    lost = largest_piece((field > 0.0) & leaf & ~inside)
+    if np.count_nonzero(lost) <= LOST * np.count_nonzero(inside):
+        return field
+    way = np.where(leaf, _distance(~lost) + _distance(~inside), np.inf)
+    return np.where(way <= way.min() + 1.0, np.maximum(field, 0.1), field)
+
+
 def cleaned(field: np.ndarray, leaf: np.ndarray) -> np.ndarray:
     """A field whose positive part is one piece without holes: that of the leaf.
 
@@ -344,6 +353,7 @@ def cleaned(field: np.ndarray, leaf: np.ndarray) -> np.ndarray:
         ridge = leaf & (depth >= cv2.dilate(depth, np.ones((3, 3), np.uint8)) - 0.5) & (depth <= BAND)
         ridge = leaf & (cv2.dilate(ridge.astype(np.uint8), np.ones((2, 2), np.uint8)) > 0)  # joined by sides
         field = np.where(ridge, np.maximum(field, 0.1), field)
+        field = _bridged(field, leaf, largest_piece(field > 0.0, seed=leaf))
         inside = largest_piece(field > 0.0, seed=leaf)
     inside = filled(inside)
     # The sign follows the cleaned shape, the magnitude keeps the sub-pixel position of the margin.
