@@ -257,3 +257,13 @@ def test_a_stalk_that_the_margin_cut_off_at_its_foot_is_joined_again() -> None:
     inside = cleaned(field, leaf) > 0.0
     assert inside[109, 44] and inside[72, 43:47].any()
     assert not inside[72, :42].any() and not inside[72, 48:].any()
+
+
+def test_a_petiole_that_leaves_the_picture_is_noted() -> None:
+    picture = np.full((320, 300, 3), 240, np.uint8)
+    cv2.ellipse(picture, (150, 130), (80, 110), 0, 0, 360, (60, 120, 50), -1, cv2.LINE_AA)
+    whole = picture.copy()
+    for end, shown in ((330, picture), (305, whole)):
+        cv2.line(shown, (150, 235), (150, end), (70, 130, 60), 4, cv2.LINE_AA)
+    assert any("runs up to the picture's border" in note for note in find(picture).notes)
+    assert not find(whole).notes

@@ -151,6 +151,8 @@ def _of_colours(photo: Photo, colour: np.ndarray) -> Found:
         raise InputError(f"{photo.path}: the leaf is cut off by the picture ({cut:.0%} of its outline); {REMEDY}")
     if cut > NOTED_CUT:
         notes.append(f"{cut:.0%} of the leaf's outline lies on the picture's border: it may be cut off there")
+    elif cut > 0.0:
+        notes.append("the leaf runs up to the picture's border: its petiole or a tip may be cut off there")
     if guess.count > 1:
         notes.append(
             f"{guess.count} leaves seen, the largest is taken: leaf.rect = [x, y, width, height] picks another"
