@@ -267,3 +267,18 @@ def test_a_petiole_that_leaves_the_picture_is_noted() -> None:
         cv2.line(shown, (150, 235), (150, end), (70, 130, 60), 4, cv2.LINE_AA)
     assert any("runs up to the picture's border" in note for note in find(picture).notes)
     assert not find(whole).notes
+
+
+def test_a_thread_at_the_margin_is_no_second_petiole() -> None:
+    """A dark scratch that runs from the tip, opposite to the petiole, away from it."""
+    truth = leaf_photo("white", 1, shadow=0.2, spots=0)
+    where = np.argwhere(truth.leaf)
+    foot = np.argwhere(truth.petiole).mean(axis=0)
+    tip = where[np.argmax(np.linalg.norm(where - foot, axis=1))].astype(float)
+    end = tip + 60.0 * (tip - foot) / np.linalg.norm(tip - foot)
+    colour = truth.colour.copy()
+    cv2.line(colour, *(tuple(np.rint(place[::-1]).astype(int).tolist()) for place in (tip, end)), (90, 80, 110), 1)
+    shape = find(colour)
+    assert_found(shape, truth)
+    near = cv2.dilate(truth.leaf.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    assert not (shape.inside & ~near).any()

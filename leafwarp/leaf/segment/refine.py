@@ -24,6 +24,7 @@ PATTERN = 2.0  # times a petiole's area: more of its like elsewhere makes it a p
 ALIKE = 0.6  # of a petiole's width: narrower things are not of its like
 LEADING = 0.4  # least reach of a petiole as a share of its length: it starts in a sinus, a margin's rim does not leave
 SLENDER = 2.0  # least reach of a petiole in its widths
+PLAIN_LENGTHS = (6.0, 0.2)  # least reach of a blade's part that is plainly its petiole: in widths, and of its size
 RIM = 2.5  # [pixels] off a blade over which what is seen may be its own blurred margin
 LIKE_BLADE = 30.0  # [Lab units] farthest that a leaflet's colour is from the blade's
 LOST = 0.003  # of a leaf
@@ -168,7 +169,33 @@ def grow(
     if not stalks:
         for rival in rivals:
             stalks += _single(_stalks(_thin(rival & ~blade & ~cast & ~leaflets, radius), away, size))
+    stalks = _besides_own(stalks, blade, away, radius)
     return largest_piece(blade | _petiole(stalks, away) | leaflets | links, seed=blade)
+
+
+def _besides_own(stalks: list[np.ndarray], blade: np.ndarray, away: np.ndarray, radius: int) -> list[np.ndarray]:
+    """Of the stalks those that go on from the end of the petiole that the blade has already, or are longer than it.
+
+    That petiole is the one long thin line that the blade ends in; where there is none or several, all stalks stay.
+    """
+    thin = _thin(blade, radius)
+    core = blade & ~thin
+    if not stalks or not core.any():
+        return stalks
+    size = float(np.sqrt(np.count_nonzero(blade)))
+    labels, areas = pieces_of(thin, connectivity=8)
+    label_of, from_core = labels[thin], _distance(~core)
+    widths = np.bincount(label_of, _distance(thin)[thin], minlength=len(areas)) / np.maximum(areas, 1)
+    widths = np.maximum(4.0 * widths - 2.0, 1.0)
+    reaches = np.zeros(len(areas))
+    np.maximum.at(reaches, label_of, from_core[thin])
+    plain = reaches > np.maximum(PLAIN_LENGTHS[0] * widths, PLAIN_LENGTHS[1] * size)
+    plain &= areas < 1.7 * (reaches + widths) * widths
+    if np.count_nonzero(plain) != 1:
+        return stalks
+    own = int(np.argmax(plain))
+    gap = _distance(~((labels == own) & (from_core > 0.9 * reaches[own])))
+    return [stalk for stalk in stalks if gap[stalk].min() <= RIM + 2.0 or float(away[stalk].max()) > reaches[own]]
 
 
 def _petiole(stalks: list[np.ndarray], away: np.ndarray) -> np.ndarray:
