@@ -360,6 +360,12 @@ class Scene(_Table):
         return self.fluid is not None and max(self.fluid.lamina_diffusivity, self.fluid.vein_diffusivity) > 0.0
 
     @property
+    def residual_tolerance(self) -> float:
+        """Relative residual at which the unsplit scheme stops, in the scene's precision."""
+        tolerance = self.fluid.tolerance
+        return tolerance if self.solver.precision == "float32" else tolerance**2
+
+    @property
     def flow_has_veins(self) -> bool:
         """Whether water flows along veins faster or slower than between them."""
         return self.fluid is not None and self.fluid.vein_diffusivity != self.fluid.lamina_diffusivity

@@ -102,8 +102,8 @@ def test_ramp_image_is_exact_at_cell_centres(
 def test_interval_means_finer_than_samples_join_them_by_lines() -> None:
     values = np.array([2.0, 4.0, 3.0])[:, None]
     means = interval_means(values, np.array([-0.4, 0.5, 0.7, 1.3, 1.5, 1.6]))[:, 0]
-    np.testing.assert_allclose(means, [2.0, 2.2, (0.6 * 2.9 + 0.0) / 0.6 + 0.1, 3.8, 3.95], atol=0.16)
-    np.testing.assert_allclose(means[[0, 1, 3, 4]], [2.0, 2.2, 3.8, 3.95])
+    # From 2 at 0.5 by a straight line to 4 at 1.5, and on towards 3 at 2.5: each mean is the value at the middle.
+    np.testing.assert_allclose(means, [2.0, 2.2, 3.0, 3.8, 3.95])
     np.testing.assert_allclose(interval_means(values[:1], np.array([0.0, 0.3, 0.9]))[:, 0], [2.0, 2.0])
 
 
@@ -124,12 +124,18 @@ def test_dot_lands_at_its_place_in_maps(leaf: tuple, tmp_path: Path) -> None:
     path = write_image(tmp_path / "dot.png", dot)
     map_size = (90, 120)
     _, maps = make_maps(photo, outline, frame, map_size, {"water": path, "source": path})
-    rows, columns = np.mgrid[: map_size[1], : map_size[0]]
-    for name in ("water", "source"):
-        weights = maps[name] / maps[name].sum()
-        u, v = ((columns + 0.5) * weights).sum() / map_size[0], ((rows + 0.5) * weights).sum() / map_size[1]
-        assert u == pytest.approx((153.0 - frame.left) / frame.size[0], abs=0.04 / 90)  # a part of a cell
-        assert v == pytest.approx((frame.bottom - 203.0) / frame.size[1], abs=0.04 / 120)
+    # Each cell holds the share of it that the dot covers.
+    covered = []
+    for low, high, first, last, count in (
+        (150, 156, frame.left, frame.right, 90),
+        (200, 206, frame.top, frame.bottom, 120),
+    ):
+        bounds = np.linspace(first, last, count + 1)
+        covered.append(np.diff(np.clip(bounds, low, high)) / np.diff(bounds))
+    expected = np.outer(covered[1][::-1], covered[0])
+    assert 0.0 < expected.max() <= 1.0
+    np.testing.assert_allclose(maps["water"], expected, atol=1e-12)
+    np.testing.assert_allclose(maps["source"], expected / expected.sum(), atol=1e-12)
 
 
 def test_black_source_is_refused(leaf: tuple, tmp_path: Path) -> None:

@@ -169,8 +169,7 @@ def test_cache(image: Path, tmp_path: Path) -> None:
     for damaged in (whole[: len(whole) // 2], b"", whole[:5000] + b"\0" * 64 + whole[5064:]):
         stored.write_bytes(damaged)
         assert_same(first, prepared(image, **asked))
-        # The same but for the times that it took.
-        assert len(stored.read_bytes()) == pytest.approx(len(whole), abs=500)
+        assert len(stored.read_bytes()) == len(whole)
     other = prepared(image, **{**asked, "map_size": (24, 35)})
     assert other.mask.shape == (35, 24) and len(list((tmp_path / "cache").iterdir())) == 2
 

@@ -13,7 +13,7 @@ import numpy as np
 from leafwarp.leaf.leaf import Findings, Leaf, MapFrame
 from leafwarp.leaf.mesh.topology import mesh_from_triangles
 
-_PLAIN_FINDINGS = ("base", "photo_size", "base_found", "pixel", "confidence", "notes", "vein_kind", "seconds")
+_PLAIN_FINDINGS = ("base", "photo_size", "base_found", "pixel", "confidence", "notes", "vein_kind")
 _MESH_ARRAYS = ("positions", "triangles")
 
 
@@ -73,11 +73,12 @@ def store_leaf(path: Path, leaf: Leaf) -> None:
 
 
 def _findings_arrays(findings: Findings) -> dict[str, np.ndarray]:
-    plain = {name: getattr(findings, name) for name in _PLAIN_FINDINGS}
+    plain = {name: getattr(findings, name) for name in _PLAIN_FINDINGS} | {"steps": list(findings.seconds)}
     points = [points for points, _ in findings.veins]
     return {
         "findings": np.array(json.dumps(plain)),
         "outline": findings.outline,
+        "seconds": np.array(list(findings.seconds.values()), float),
         "vein_lengths": np.array([len(line) for line in points], np.int64),
         "vein_points": np.concatenate(points) if points else np.zeros((0, 2)),
         "vein_flow": np.concatenate([flow for _, flow in findings.veins]) if points else np.zeros(0),
@@ -89,6 +90,7 @@ def _read_findings(stored: np.lib.npyio.NpzFile) -> Findings | None:
         return None
     plain = json.loads(str(stored["findings"]))
     plain |= {name: tuple(plain[name]) for name in ("base", "photo_size", "notes")}
+    plain["seconds"] = dict(zip(plain.pop("steps"), stored["seconds"].tolist(), strict=True))
     ends = np.cumsum(stored["vein_lengths"])[:-1]
     veins = zip(np.split(stored["vein_points"], ends), np.split(stored["vein_flow"], ends), strict=True)
     return Findings(outline=stored["outline"], veins=tuple(veins) if len(stored["vein_lengths"]) else (), **plain)

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
-from leafwarp.errors import InputError, OutputError
+from leafwarp.errors import InputError
+from leafwarp.files import write_bytes
 from leafwarp.leaf.image.photo import Photo, read_grey
 from leafwarp.leaf.maps.pixel_frame import PixelFrame
 
@@ -138,11 +139,8 @@ def write_maps(
         shown = values / max(float(values.max()), 1e-300) if name == "source" else values
         picture = _picture(shown, mask, frame, photo_size)
         path = Path(folder) / f"{stem}.{name}.png"
-        done, data = cv2.imencode(".png", np.rint(np.clip(picture, 0.0, 1.0) * 65535.0).astype(np.uint16), FAST)
-        try:
-            path.write_bytes(data.tobytes() if done else b"")
-        except OSError as error:
-            raise OutputError(f"{path}: cannot be written: {error.strerror or error}") from error
+        data = cv2.imencode(".png", np.rint(np.clip(picture, 0.0, 1.0) * 65535.0).astype(np.uint16), FAST)[1]
+        write_bytes(path, data.tobytes())
         files.append(path)
     return files
 

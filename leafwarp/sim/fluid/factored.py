@@ -33,8 +33,6 @@ class FactoredDiffusion(Stage):
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
-        tolerance = scene.fluid.tolerance
-        self._tolerance = tolerance if scene.solver.precision == "float32" else tolerance**2
         self.host_reads = self.host_writes = ("water",)
         self._supply = diffusion_supply(scene, leaf, directions="x", lines_mix=True)
         if self._supply is not None:
@@ -79,7 +77,7 @@ class FactoredDiffusion(Stage):
         water = self._state["water"]
         on_host = water.numpy()
         content = on_host.reshape(-1)[self.system.cells].astype(np.float64)
-        on_host.reshape(-1)[self.system.cells] = self.system.step(content, self._tolerance)
+        on_host.reshape(-1)[self.system.cells] = self.system.step(content, self.scene.residual_tolerance)
         # On the CPU the host's array is the simulation's own.
         if water.device.is_cuda:
             water.assign(on_host)

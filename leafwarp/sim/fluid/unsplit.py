@@ -68,8 +68,6 @@ class UnsplitDiffusion(Stage):
         shape = leaf.mask.shape
         self.iterations = 0
         self.most_iterations = 0
-        tolerance = scene.fluid.tolerance
-        self._tolerance = tolerance if scene.solver.precision == "float32" else tolerance**2
         self.arrays = (
             *line_arrays(shape),
             ArraySpec("diagonal_x", shape, "real", "diagonal of the exchange along rows in a step"),
@@ -122,7 +120,7 @@ class UnsplitDiffusion(Stage):
         outputs = ["unsplit_residual", "unsplit_direction", "unsplit_row_sum"]
         return [
             record(start_residual, rows, ["water", *system], outputs),
-            record(start_iteration, 1, ["unsplit_row_sum", self._tolerance], ["unsplit_solver"]),
+            record(start_iteration, 1, ["unsplit_row_sum", self.scene.residual_tolerance], ["unsplit_solver"]),
         ]
 
     def _record_iteration(self, state: State, system: list) -> tuple[list[Command], list[Command]]:
