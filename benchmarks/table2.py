@@ -19,7 +19,7 @@ import warp as wp
 from benchmarks.results import describe_machine, write_section
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.scene import Scene
-from leafwarp.scene_file import load_scene
+from leafwarp.scene.file import load_scene
 from leafwarp.sim.launch import check_device
 from leafwarp.sim.simulation import Simulation
 from leafwarp.sim.stage import Interval

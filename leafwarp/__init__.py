@@ -15,7 +15,7 @@ __version__ = "0.1.0"
 
 _PLACES = {
     "Scene": "leafwarp.scene",
-    "load_scene": "leafwarp.scene_file",
+    "load_scene": "leafwarp.scene.file",
     "Leaf": "leafwarp.leaf.leaf",
     "prepare_leaf": "leafwarp.leaf",
     "Simulation": "leafwarp.sim.simulation",

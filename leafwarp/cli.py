@@ -124,7 +124,7 @@ def _arriving_signals() -> Iterator[list[int]]:
 
 def _run(arguments: argparse.Namespace) -> None:
     from leafwarp.run import output_paths, run_scene
-    from leafwarp.scene_file import load_scene
+    from leafwarp.scene.file import load_scene
 
     scene = load_scene(arguments.scene, arguments.set)
     first, last = arguments.frames or (1, scene.time.frames)
@@ -163,7 +163,7 @@ def _warn(notes: Sequence[str]) -> None:
 
 def _plan(arguments: argparse.Namespace) -> None:
     from leafwarp.plan_report import plan_report, print_plan
-    from leafwarp.scene_file import load_scene
+    from leafwarp.scene.file import load_scene
 
     report = plan_report(load_scene(arguments.scene, arguments.set), arguments.device)
     if arguments.json:
@@ -173,7 +173,7 @@ def _plan(arguments: argparse.Namespace) -> None:
 
 
 def _tradeoff(arguments: argparse.Namespace) -> None:
-    from leafwarp.scene_file import load_scene
+    from leafwarp.scene.file import load_scene
     from leafwarp.study.tradeoff import run_tradeoff
 
     table = run_tradeoff(

@@ -16,7 +16,7 @@ from leafwarp.leaf.request import MAP_NAMES
 from leafwarp.png import encode_png
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.run import save_maps
-from leafwarp.scene_file import parse_scene
+from leafwarp.scene.file import parse_scene
 from leafwarp.template import scene_text
 
 

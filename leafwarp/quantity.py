@@ -16,7 +16,12 @@ UNITS: dict[str, dict[str, float]] = {
     "membrane stiffness": {"N/m": 1.0},
     "bending stiffness": {"N m": 1.0, "N mm": 1e-3, "uN m": 1e-6},
     "mass per area": {"kg/m2": 1.0, "g/m2": 1e-3},
+    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9},
+    "conductance": {"mol/m2/s": 1.0, "mmol/m2/s": 1e-3},
+    "temperature": {"K": 1.0, "degC": 1.0},
 }
+# What a unit's zero is in SI, where that is not 0.
+ZEROS = {"degC": 273.15}
 
 _NUMBER_AND_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*")
 
@@ -39,7 +44,8 @@ def parse_quantity(value: Any, dimension: str) -> Any:
     match = _NUMBER_AND_UNIT.fullmatch(value)
     if match is None or (match[2] is not None and match[2] not in units):
         raise ValueError(f"accepted: a number [{next(iter(units))}], or a number and one of {', '.join(units)}")
-    return float(match[1]) * units[match[2] or next(iter(units))]
+    unit = match[2] or next(iter(units))
+    return float(match[1]) * units[unit] + ZEROS.get(unit, 0.0)
 
 
 def quantity(dimension: str) -> Any:

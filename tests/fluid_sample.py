@@ -10,7 +10,7 @@ import scipy.sparse as sparse
 
 from leafwarp.leaf.leaf import Leaf, MapFrame
 from leafwarp.scene import Scene
-from leafwarp.scene_file import parse_scene
+from leafwarp.scene.file import parse_scene
 from leafwarp.sim.fluid import Fluid
 from leafwarp.sim.launch import State
 from leafwarp.sim.plan import make_stages

@@ -168,7 +168,7 @@ def test_the_usd_holds_what_the_simulation_computed(finished: Path, small_scene:
     from pxr import Usd, UsdGeom
 
     from leafwarp.prepare import prepare_scene_leaf
-    from leafwarp.scene_file import load_scene
+    from leafwarp.scene.file import load_scene
     from leafwarp.sim.simulation import Simulation
     from leafwarp.usd.check import check_usd
 

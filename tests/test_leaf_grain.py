@@ -16,7 +16,7 @@ from leafwarp.leaf.mesh.repair import open_corners
 from leafwarp.leaf.mesh.topology import boundary_edges, directed_edges, mesh_from_triangles, signed_areas
 from leafwarp.leaf.mesh.triangulate import triangulate
 from leafwarp.leaf.venation.branch import Branch
-from leafwarp.scene_file import load_scene
+from leafwarp.scene.file import load_scene
 from leafwarp.sim.material import dihedral_angles, hinge_stiffness
 
 GRAIN = 0.05  # of a disc with hinges enough to tell

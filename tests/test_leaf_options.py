@@ -15,7 +15,7 @@ from leafwarp.cli import main
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.leaf.mesh.topology import boundary_edges, check_topology
 from leafwarp.prepare import prepare_scene_leaf
-from leafwarp.scene_file import load_scene
+from leafwarp.scene.file import load_scene
 from leafwarp.sim.simulation import Simulation
 from leafwarp.usd.check import check_usd
 

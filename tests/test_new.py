@@ -15,7 +15,7 @@ import pytest
 from leafwarp.cli import main
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.prepare import prepare_scene_leaf
-from leafwarp.scene_file import load_scene
+from leafwarp.scene.file import load_scene
 from test_cli import refused
 
 FEW = {"mesh.vertices": 120, "maps.size": 32, "time.frames": 4, "output.contact_sheet": False}

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from leafwarp.scene_file import load_scene
+from leafwarp.scene.file import load_scene
 from leafwarp.sim.launch import ArraySpec, State
 from leafwarp.sim.plan import CANDIDATES
 from leafwarp.sim.simulation import Simulation
@@ -31,7 +31,7 @@ def counted(self, *arguments, **options):
     if getattr(self, "deleter", None) is not None and options.get("ptr") is None:
         allocated.append(self.capacity)
 from leafwarp.prepare import prepare_scene_leaf
-from leafwarp.scene_file import load_scene
+from leafwarp.scene.file import load_scene
 scene = load_scene(Path(sys.argv[1])).with_changes({"output.contact_sheet": False})
 leaf = prepare_scene_leaf(scene, Path(sys.argv[2]))
 wp.init()

@@ -8,9 +8,9 @@ from pathlib import Path
 import pytest
 
 from leafwarp.errors import InputError
-from leafwarp.quantity import UNITS, parse_quantity
+from leafwarp.quantity import UNITS, ZEROS, parse_quantity
 from leafwarp.scene import Scene
-from leafwarp.scene_file import load_scene
+from leafwarp.scene.file import load_scene
 
 SCENES = Path(__file__).parent.parent / "scenes"
 
@@ -48,7 +48,7 @@ def test_quantities_are_si(small: Path) -> None:
 @pytest.mark.parametrize("dimension", UNITS)
 def test_every_unit_converts_by_its_factor(dimension: str) -> None:
     for unit, factor in UNITS[dimension].items():
-        assert parse_quantity(f"2.5 {unit}", dimension) == pytest.approx(2.5 * factor)
+        assert parse_quantity(f"2.5 {unit}", dimension) == pytest.approx(2.5 * factor + ZEROS.get(unit, 0.0))
     with pytest.raises(ValueError, match="accepted"):
         parse_quantity("2.5 parsec", dimension)
 

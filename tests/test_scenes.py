@@ -12,7 +12,7 @@ from conftest import SCENES
 from leafwarp.leaf.mesh.quality import mesh_quality
 from leafwarp.leaf.mesh.topology import check_topology
 from leafwarp.scene import Scene
-from leafwarp.scene_file import load_scene
+from leafwarp.scene.file import load_scene
 from leafwarp.sim.simulation import Simulation
 
 # Tables I of the paper: vertices, triangles, edge springs, angular springs.

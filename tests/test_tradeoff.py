@@ -11,7 +11,7 @@ import pytest
 
 from leafwarp.cli import main
 from leafwarp.errors import InputError
-from leafwarp.scene_file import load_scene
+from leafwarp.scene.file import load_scene
 from leafwarp.study import tradeoff
 from leafwarp.study.metrics import (
     errors_fall_with_the_step,

@@ -38,9 +38,8 @@ def watered_points(scene: Scene) -> tuple[str, ...]:
 
 def veined_points(scene: Scene) -> tuple[str, ...]:
     """The kinds of points at which the structure needs the venation."""
-    stiffer = scene.structure.vein_stiffness != 1.0
-    edge = stiffer or (scene.shrinks and scene.shrink.vein_resistance > 0.0)
-    bends = stiffer or (scene.curls and scene.curl.vein_resistance > 0.0)
+    edge = scene.structure.vein_stiffness != 1.0 or (scene.shrinks and scene.shrink.vein_resistance > 0.0)
+    bends = scene.structure.vein_bending_stiffness != 1.0 or (scene.curls and scene.curl.vein_resistance > 0.0)
     return ("edge",) * edge + ("hinge",) * (bends and scene.has_angular_springs)
 
 
@@ -298,7 +297,7 @@ class Stiffness(Stage):
         self.rate = "frame" if scene.stiffness_varies else "start"
         if scene.stiffness_varies:
             self.arrays = (
-                *_curve_specs("stiffness", scene.structure.stiffness),
+                *_curve_specs("stiffness", scene.structure.stiffness_factor),
                 *(
                     ArraySpec(f"{s}_stiffness_gain", (_point_count(leaf, s),), "real", "stiffness at a response of 1")
                     for s in self.springs
@@ -310,12 +309,13 @@ class Stiffness(Stage):
         lamina = {"edge": material.edge_stiffness(mesh, structure.membrane_stiffness)}
         if "hinge" in self.springs:
             lamina["hinge"] = material.hinge_stiffness(mesh, structure.bending_stiffness)
-        curve = _upload_curve(state, "stiffness", structure.stiffness) if self.scene.stiffness_varies else ()
+        curve = _upload_curve(state, "stiffness", structure.stiffness_factor) if self.scene.stiffness_varies else ()
         for s in self.springs:
-            venation = _venation(state, s) if structure.vein_stiffness != 1.0 else 0.0
-            gain = lamina[s] * (1.0 + (structure.vein_stiffness - 1.0) * venation)
+            over_lamina = structure.vein_bending_stiffness if s == "hinge" else structure.vein_stiffness
+            venation = _venation(state, s) if over_lamina != 1.0 else 0.0
+            gain = lamina[s] * (1.0 + (over_lamina - 1.0) * venation)
             if not curve:
-                state.upload(f"{s}_stiffness", gain * structure.stiffness[0][1])
+                state.upload(f"{s}_stiffness", gain * structure.stiffness_factor[0][1])
                 continue
             state.upload(f"{s}_stiffness_gain", gain)
             inputs = [f"{s}_water", *curve, f"{s}_stiffness_gain"]

@@ -38,8 +38,8 @@ def _needs(wanted: Callable[[Scene], Any], reason: str) -> Callable[[Scene, Leaf
 
 
 def _stiffness_left_out(scene: Scene, leaf: Leaf) -> str | None:
-    factors = {factor for _, factor in scene.structure.stiffness}
-    plain = factors == {1.0} and scene.structure.vein_stiffness == 1.0
+    factors = {factor for _, factor in scene.structure.stiffness_factor}
+    plain = factors == {1.0} and not scene.veins_are_stiffer
     return "stiffness is the same everywhere and at every water content" if plain else None
 
 

@@ -1,0 +1,172 @@
+"""The scene: what a user may ask for, validated, in SI units, immutable.
+
+Every table of the TOML file is one model. A table that is left out is a thing that is not modelled: no kernel
+is compiled, no array allocated and nothing launched for it (see :mod:`leafwarp.sim.plan`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from pydantic import Field, model_validator
+
+from leafwarp.errors import InputError
+from leafwarp.scene.derived import derived_tables
+from leafwarp.scene.fields import Curve, Table, varies
+from leafwarp.scene.leaf import LeafTable, MapsTable, MeshTable
+from leafwarp.scene.material import MaterialTable
+from leafwarp.scene.running import OutputTable, SolverTable, TimeTable
+from leafwarp.scene.structure import CurlTable, MotionTable, ShrinkTable, StructureTable
+from leafwarp.scene.water import AirTable, FluidTable, SourceTable, StomataTable, TranspirationTable, WaterTable
+
+__all__ = ["Curve", "MotionTable", "Scene", "put_value"]
+
+
+class Scene(Table):
+    """A whole scene. Lengths in metres, times in seconds, after validation."""
+
+    name: str = Field(
+        "leaf", pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the outputs; default: the file's name."
+    )
+    leaf: LeafTable
+    mesh: MeshTable = MeshTable()
+    maps: MapsTable = MapsTable()
+    time: TimeTable
+    fluid: FluidTable | None = None
+    water: WaterTable | None = None
+    transpiration: TranspirationTable | None = None
+    source: SourceTable | None = None
+    shrink: ShrinkTable | None = None
+    curl: CurlTable | None = None
+    material: MaterialTable | None = None
+    air: AirTable | None = None
+    stomata: StomataTable | None = None
+    structure: StructureTable = StructureTable()
+    motion: MotionTable = MotionTable()
+    solver: SolverTable = SolverTable()
+    output: OutputTable = OutputTable()
+
+    @model_validator(mode="after")
+    def _derived(self) -> Scene:
+        self.__dict__.update(derived_tables(self))
+        return self
+
+    @model_validator(mode="after")
+    def _consistent(self) -> Scene:
+        if (self.fluid is None) == (self.water is None):
+            raise ValueError("give either [fluid] (water that flows) or [water] (water that is prescribed)")
+        if self.fluid is None:
+            for table in ("stomata", "transpiration", "source"):
+                if getattr(self, table) is not None:
+                    raise ValueError(f"[{table}] needs [fluid]: with [water] the water is prescribed")
+        if self.curl is not None and not self.has_angular_springs:
+            raise ValueError("[curl] needs structure.bending_stiffness: without angular springs nothing can curl")
+        if "bending" in self.structure.model_fields_set and self.structure.bending_stiffness is None:
+            raise ValueError(
+                "structure.bending needs structure.bending_stiffness: there are no angular springs without"
+            )
+        if self.motion.wind is not None and self.motion.drag == 0.0:
+            raise ValueError("motion.wind needs motion.drag above 0: air without drag moves nothing")
+        if self.motion.settle and not self.has_weight and self.motion.wind is None:
+            raise ValueError(
+                "motion.settle needs motion.gravity or motion.wind: without a load the leaf is at rest already"
+            )
+        for name in ("venation", "stomata", "water", "source"):
+            if name in self.maps.model_fields_set and name not in self.map_names:
+                raise ValueError(f"maps.{name} is given, but nothing in this scene depends on that map")
+        return self
+
+    @property
+    def water_flows(self) -> bool:
+        """Whether water flows within the leaf."""
+        return self.fluid is not None and max(self.fluid.lamina_diffusivity, self.fluid.vein_diffusivity) > 0.0
+
+    @property
+    def residual_tolerance(self) -> float:
+        """Relative residual at which the unsplit scheme stops, in the scene's precision."""
+        tolerance = self.fluid.tolerance
+        return tolerance if self.solver.precision == "float32" else tolerance**2
+
+    @property
+    def flow_has_veins(self) -> bool:
+        """Whether water flows along veins faster or slower than between them."""
+        return self.fluid is not None and self.fluid.vein_diffusivity != self.fluid.lamina_diffusivity
+
+    @property
+    def structure_has_veins(self) -> bool:
+        """Whether veins shrink, curl or resist otherwise than the lamina."""
+        return (
+            self.veins_are_stiffer
+            or (self.shrinks and (self.shrink.vein_resistance > 0.0 or self.shrinks_along_veins))
+            or (self.curls and self.curl.vein_resistance > 0.0)
+        )
+
+    @property
+    def veins_are_stiffer(self) -> bool:
+        """Whether veins are stiffer or softer than the lamina."""
+        bends = self.has_angular_springs and self.structure.vein_bending_stiffness != 1.0
+        return bends or self.structure.vein_stiffness != 1.0
+
+    @property
+    def shrinks(self) -> bool:
+        """Whether rest lengths depend on the water."""
+        return self.shrink is not None and varies(self.shrink.curve)
+
+    @property
+    def shrinks_along_veins(self) -> bool:
+        """Whether rest lengths depend on the direction of the veins."""
+        return self.shrinks and self.shrink.along_veins != 1.0
+
+    @property
+    def curls(self) -> bool:
+        """Whether rest angles depend on the water."""
+        return self.curl is not None and varies(self.curl.mismatch)
+
+    @property
+    def has_weight(self) -> bool:
+        """Whether gravity pulls."""
+        return self.motion.gravity is not None and any(self.motion.gravity)
+
+    @property
+    def stiffness_varies(self) -> bool:
+        """Whether the springs' stiffness depends on the water."""
+        return varies(self.structure.stiffness_factor)
+
+    @property
+    def has_angular_springs(self) -> bool:
+        """Whether the scene asks for resistance to bending."""
+        return bool(self.structure.bending_stiffness)
+
+    @property
+    def map_names(self) -> tuple[str, ...]:
+        """The maps that the scene requires; empty if nothing varies over the leaf."""
+        stomata = self.transpiration is not None and self.transpiration.rate > self.transpiration.cuticle_rate
+        wanted = {
+            "venation": self.flow_has_veins or self.structure_has_veins,
+            "stomata": stomata,
+            "water": self.fluid is not None,
+            "source": self.source is not None and self.source.conductance > 0.0,
+        }
+        return tuple(name for name, is_wanted in wanted.items() if is_wanted)
+
+    def with_changes(self, changes: Mapping[str, Any]) -> Scene:
+        """A copy with other values, keys dotted: ``scene.with_changes({"maps.size": 128, "fluid.step": 30.0})``."""
+        data = self.model_dump(exclude_unset=True)
+        for key, value in changes.items():
+            put_value(data, key, value)
+        return Scene.model_validate(data)
+
+
+def put_value(data: dict[str, Any], key: str, value: Any) -> None:
+    """Set a dotted key in nested tables.
+
+    Raises:
+        InputError: A part of the key is a value already, not a table.
+    """
+    *tables, last = key.split(".")
+    for name in tables:
+        data = data.setdefault(name, {})
+        if not isinstance(data, dict):
+            raise InputError(f"--set {key}: '{name}' is a value, not a table")
+    data[last] = value

@@ -1,0 +1,77 @@
+"""What the tables in physical units mean for those that the simulation reads."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from leafwarp.scene.fields import Table
+from leafwarp.scene.structure import CurlTable, ShrinkTable
+from leafwarp.scene.water import TranspirationTable
+
+if TYPE_CHECKING:
+    from leafwarp.scene import Scene
+
+MOLAR_MASS_OF_WATER = 0.018015  # [kg/mol]
+
+
+def derived_tables(scene: Scene) -> dict[str, Table | None]:
+    """The tables of a scene with all that follows from [material], [air] and [stomata] filled in.
+
+    What the scene file says itself holds.
+
+    Raises:
+        ValueError: Tables are missing or exclude each other.
+    """
+    tables: dict[str, Table | None] = {}
+    structure = scene.structure
+    if scene.material is not None:
+        structure = structure.filled(**scene.material.structure())
+        tables["shrink"] = (scene.shrink or ShrinkTable()).filled(**scene.material.shrink())
+        tables["curl"] = (scene.curl or CurlTable()).filled(**scene.material.curl())
+        if structure.bending_stiffness == 0.0 and scene.curl is None:
+            tables["curl"] = None
+        tables["motion"] = scene.motion.filled(method="implicit")
+    if structure.membrane_stiffness is None:
+        raise ValueError("structure.membrane_stiffness: missing; give it, or a [material] that it follows from")
+    if structure.vein_bending_stiffness is None:
+        structure = structure.filled(vein_bending_stiffness=structure.vein_stiffness)
+    tables["structure"] = structure
+    for name, key in (("shrink", "curve"), ("curl", "mismatch")):
+        table = tables.get(name, getattr(scene, name))
+        if table is not None and getattr(table, key) is None:
+            raise ValueError(f"{name}.{key}: missing; give it, or a [material] that it follows from")
+    if tables.get("motion", scene.motion).method != "explicit":
+        tables["solver"] = _in_double_precision(scene)
+    if scene.stomata is not None or scene.air is not None:
+        tables["transpiration"] = _transpiration(scene, tables["structure"].water_mass)
+    return tables
+
+
+def _in_double_precision(scene: Scene) -> Table:
+    solver = scene.solver.filled(precision="float64")
+    if solver.precision != "float64":
+        raise ValueError(
+            "solver.precision = 'float32': accepted with motion.method = 'implicit' or 'quasistatic': 'float64', since "
+            "the rounding of a position alone would outweigh a vertex of a stiff leaf"
+        )
+    return solver
+
+
+def _transpiration(scene: Scene, saturated_water: float) -> TranspirationTable:
+    """Rates of water loss: ``g (VPD / P) M_w / W``, with the conductance ``g`` and the saturated water ``W``."""
+    if scene.stomata is None or scene.air is None:
+        given, missing = ("stomata", "air") if scene.air is None else ("air", "stomata")
+        raise ValueError(f"[{given}] needs [{missing}]: together they say what transpires")
+    if scene.transpiration is not None:
+        raise ValueError("[transpiration] and [stomata] say the same; give one of them")
+    if saturated_water <= 0.0:
+        raise ValueError("[stomata] needs structure.water_mass above 0: without water nothing transpires")
+    closure = scene.stomata.closure or (scene.material.turgor if scene.material is not None else None)
+    if closure is None:
+        raise ValueError("stomata.closure: missing; give it, or a [material] whose turgor it follows")
+    per_conductance = scene.air.deficit / scene.air.pressure * MOLAR_MASS_OF_WATER / saturated_water
+    return TranspirationTable(
+        rate=scene.stomata.open_conductance * per_conductance,
+        cuticle_rate=scene.stomata.minimum_conductance * per_conductance,
+        closure=closure,
+    )

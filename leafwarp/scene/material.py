@@ -1,0 +1,127 @@
+"""The material of a leaf in SI units, and what follows from it for the tables of the structure and the water.
+
+With the thickness ``h`` and Young's modulus ``E``, a sheet has the membrane stiffness ``E h`` and the bending stiffness
+``E h^3 / (12 (1 - nu^2))``. Turgor falls linearly with the relative water content ``y`` (Tyree and Hammel 1972, with a
+constant bulk modulus ``epsilon``) and is lost at ``y_tlp``:
+
+    P / P0 = (y - y_tlp) / (1 - y_tlp),      y_tlp = 1 - pi0 / epsilon.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from leafwarp.scene.fields import Curve, Length, MassPerArea, Number, Pressure, Share, Table
+from leafwarp.scene.presets import PRESETS
+
+Modulus = Annotated[Pressure, Field(gt=0.0, le=1e13)]
+
+
+class MaterialTable(Table):
+    """What the leaf is made of. What is left out is that of the preset."""
+
+    preset: Literal[tuple(PRESETS)] = Field("tree", description="Kind of leaf whose figures hold where none is given.")
+    thickness: Annotated[Length, Field(ge=1e-6, le=0.1)] | None = Field(None, description="Of the lamina [m].")
+    vein_thickness: Annotated[Length, Field(ge=1e-6, le=0.1)] | None = Field(
+        None, description="Of a vein of capacity 1 [m]."
+    )
+    lamina_modulus: Modulus | None = Field(None, description="Young's modulus of the turgid lamina [Pa].")
+    vein_modulus: Modulus | None = Field(None, description="Young's modulus of a vein of capacity 1 [Pa].")
+    poisson_ratio: Annotated[Number, Field(gt=-1.0, le=0.5)] | None = Field(
+        None, description="Of the lamina; it enters the bending stiffness (in its plane the mesh has 1/3)."
+    )
+    dry_mass: Annotated[MassPerArea, Field(ge=1e-6, le=1e6)] | None = Field(
+        None, description="Mass of the dry leaf [kg/m^2]."
+    )
+    saturated_water: Annotated[MassPerArea, Field(gt=0.0, le=1e6)] | None = Field(
+        None, description="Mass of the water of the saturated leaf [kg/m^2]."
+    )
+    osmotic_potential: Annotated[Pressure, Field(gt=0.0, le=1e9)] | None = Field(
+        None, description="Osmotic potential at full turgor, as a positive number [Pa]."
+    )
+    bulk_modulus: Annotated[Pressure, Field(gt=0.0, le=1e11)] | None = Field(
+        None, description="Bulk elastic modulus of the cells [Pa]; the turgor loss point is 1 - osmotic/bulk."
+    )
+    wilted_stiffness: Annotated[Number, Field(ge=0.0, le=1.0)] | None = Field(
+        None, description="Stiffness at the turgor loss point over that of the turgid leaf."
+    )
+    dry_stiffness: Annotated[Number, Field(ge=0.0, le=1e6)] | None = Field(
+        None, description="Stiffness of the dry leaf over that at the turgor loss point."
+    )
+    shrink_across: Annotated[Number, Field(ge=-0.5, le=0.95)] | None = Field(
+        None, description="Share of its length that the dry leaf has lost across the veins."
+    )
+    shrink_along: Annotated[Number, Field(ge=-0.5, le=0.95)] | None = Field(
+        None, description="The same along the veins."
+    )
+    mismatch: Annotated[Number, Field(ge=-1.0, le=1.0)] | None = Field(
+        None,
+        description="Strain between the two sides of the dry leaf; positive bends toward the photographed side.",
+    )
+    plastic_set: Share | None = Field(
+        None, description="Share of shrinking and curling at their greatest that stays when the leaf is rewatered."
+    )
+
+    @model_validator(mode="after")
+    def _filled_from_preset(self) -> MaterialTable:
+        self.__dict__.update(self.filled(**PRESETS[self.preset]).__dict__)
+        if not 0.0 < self.turgor_loss_point < 1.0:
+            raise ValueError(
+                f"osmotic_potential {self.osmotic_potential:g} Pa and bulk_modulus {self.bulk_modulus:g} Pa put the "
+                f"turgor loss point at {self.turgor_loss_point:g}; accepted: between 0 and 1, so an osmotic potential "
+                "below the bulk modulus"
+            )
+        return self
+
+    @property
+    def turgor_loss_point(self) -> float:
+        """Relative water content at which turgor is lost."""
+        return 1.0 - self.osmotic_potential / self.bulk_modulus
+
+    @property
+    def turgor(self) -> Curve:
+        """Turgor over that of the saturated leaf, a response curve."""
+        return ((self.turgor_loss_point, 0.0), (1.0, 1.0))
+
+    @property
+    def membrane_stiffness(self) -> float:
+        """Young's modulus times thickness of the lamina [N/m]."""
+        return self.lamina_modulus * self.thickness
+
+    @property
+    def bending_stiffness(self) -> float:
+        """Of the lamina [N m]."""
+        return self.lamina_modulus * self.thickness**3 / (12.0 * (1.0 - self.poisson_ratio**2))
+
+    def structure(self) -> dict[str, object]:
+        """Keys of [structure] that follow."""
+        modulus, thickness = self.vein_modulus / self.lamina_modulus, self.vein_thickness / self.thickness
+        return {
+            "membrane_stiffness": self.membrane_stiffness,
+            "bending_stiffness": self.bending_stiffness,
+            "vein_stiffness": modulus * thickness,
+            "vein_bending_stiffness": modulus * thickness**3,
+            "wilting": ((self.turgor_loss_point, self.wilted_stiffness), (1.0, 1.0)),
+            "drying": ((0.0, self.dry_stiffness), (self.turgor_loss_point, 1.0)),
+            "dry_mass": self.dry_mass,
+            "water_mass": self.saturated_water,
+        }
+
+    def shrink(self) -> dict[str, object]:
+        """Keys of [shrink] that follow."""
+        across = self.shrink_across
+        return {
+            "curve": ((0.0, across), (self.turgor_loss_point, 0.0)),
+            "along_veins": self.shrink_along / across if across != 0.0 else 1.0,
+            "plastic_set": self.plastic_set,
+        }
+
+    def curl(self) -> dict[str, object]:
+        """Keys of [curl] that follow."""
+        return {
+            "mismatch": ((0.0, self.mismatch), (self.turgor_loss_point, 0.0)),
+            "thickness": self.thickness,
+            "plastic_set": self.plastic_set,
+        }

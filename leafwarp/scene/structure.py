@@ -1,0 +1,118 @@
+"""Tables of the structure: the mass-spring mesh, how it follows the water, and what moves it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from leafwarp.quantity import quantity
+from leafwarp.scene.fields import Curve, Length, MassPerArea, Number, Share, Switch, Table, Vector, product, within
+
+
+class ShrinkTable(Table):
+    """Rest lengths that follow the water."""
+
+    curve: Annotated[Curve, within(-0.5, 0.95, "a shrink of")] | None = Field(
+        None, description="Points [relative water content, share of the length lost]; default: that of [material]."
+    )
+    along_veins: Annotated[Number, Field(ge=0.0, le=10.0)] = Field(
+        1.0, description="Shrinking along the veins over that across them; default: 1, or that of [material]."
+    )
+    vein_resistance: Share = Field(0.0, description="Share of the shrinking that a vein of capacity 1 resists.")
+    plastic_set: Share = Field(
+        0.0, description="Share of the shrinking at its greatest that stays when the leaf is rewatered."
+    )
+
+
+class CurlTable(Table):
+    """Rest angles that follow the water: one side of the leaf shrinks more than the other."""
+
+    mismatch: Annotated[Curve, within(-1.0, 1.0, "a mismatch of")] | None = Field(
+        None,
+        description="Points [relative water content, strain between the two sides]; positive bends toward the "
+        "photographed side. A narrow strip bends to the curvature 1.5 mismatch / thickness, a wide plate rolls to 2/3 "
+        "of it. Default: that of [material].",
+    )
+    thickness: Annotated[Length, Field(ge=1e-7, le=1.0)] = Field(
+        2.5e-4, description="Thickness of the lamina [m]; default: 0.25 mm, or that of [material]."
+    )
+    vein_resistance: Share = Field(0.0, description="Share of the curling that a vein of capacity 1 resists.")
+    plastic_set: Share = Field(
+        0.0, description="Share of the curling at its greatest that stays when the leaf is rewatered."
+    )
+
+
+_StiffnessFactor = Annotated[Curve, within(0.0, 1e6, "a stiffness factor of")]
+
+
+class StructureTable(Table):
+    """The mass-spring mesh (paper, Sec. III-B)."""
+
+    membrane_stiffness: Annotated[quantity("membrane stiffness"), Field(ge=0.0, le=1e12)] | None = Field(
+        None,
+        description="Young's modulus times thickness [N/m]; default: that of [material]. Explicit motion wants a soft "
+        "membrane: 2 to 20.",
+    )
+    bending_stiffness: Annotated[quantity("bending stiffness"), Field(ge=0.0, le=1e9)] | None = Field(
+        None,
+        description="Bending stiffness of the lamina [N m]; default: that of [material]; without: no angular springs.",
+    )
+    bending: Literal["gradient", "paper"] = Field(
+        "gradient",
+        description="Force of the angular springs: the gradient of their energy, which conserves momentum, or the "
+        "paper's push on two vertices, which does not.",
+    )
+    vein_stiffness: Number = Field(
+        1.0, ge=0.0, le=1e6, description="Stiffness of a vein of capacity 1 over the lamina's."
+    )
+    vein_bending_stiffness: Annotated[Number, Field(ge=0.0, le=1e9)] | None = Field(
+        None, description="The same for bending; default: vein_stiffness, or that of [material]."
+    )
+    stiffness: _StiffnessFactor = Field(
+        ((0.0, 1.0),), description="Points [relative water content, factor on every stiffness]."
+    )
+    wilting: _StiffnessFactor = Field(
+        ((0.0, 1.0),),
+        description="The same as turgor is lost: a further factor; default: 1, or by the turgor of [material].",
+    )
+    drying: _StiffnessFactor = Field(
+        ((0.0, 1.0),),
+        description="The same as the leaf without turgor dries: a further factor; default: 1, or that of [material].",
+    )
+    dry_mass: Annotated[MassPerArea, Field(ge=1e-6, le=1e6)] = Field(
+        0.05, description="Mass of the dry leaf [kg/m^2]; default: 0.05, or that of [material]."
+    )
+    water_mass: Annotated[MassPerArea, Field(ge=0.0, le=1e6)] = Field(
+        0.25, description="Mass of the water of the saturated leaf [kg/m^2]; default: 0.25, or that of [material]."
+    )
+    damping: Number = Field(
+        0.05, ge=0.0, le=1.0, description="Damping ratio of the mesh's fastest oscillation, along springs and hinges."
+    )
+
+    @property
+    def stiffness_factor(self) -> Curve:
+        """Factor of the water content on every stiffness, wilting and drying included."""
+        return product(self.stiffness, self.wilting, self.drying)
+
+
+class MotionTable(Table):
+    """What moves the leaf, and where it is held."""
+
+    method: Literal["explicit", "implicit", "quasistatic"] = Field(
+        "explicit",
+        description="explicit: small steps, for a soft membrane. implicit: backward Euler in steps of a frame, for a "
+        "real leaf's stiffness. quasistatic: the equilibrium of every frame, without inertia. Default: explicit, or "
+        "implicit with [material].",
+    )
+
+    gravity: Vector | None = Field(None, description="Acceleration of gravity [m/s^2], z up; left out: none.")
+    drag: Number = Field(2.0, ge=0.0, le=1e6, description="Rate at which still air takes up the leaf's speed [1/s].")
+    wind: Vector | None = Field(
+        None, description="Speed of the air [m/s], which drags the leaf along; left out: still air."
+    )
+    pin_radius: Annotated[Length, Field(ge=0.0)] | None = Field(
+        None, description="Vertices this near the petiole base are held [m]; left out: 3 % of the leaf's length."
+    )
+    clamp: Switch = Field(False, description="Also hold the first row of triangles past the pins (the direction, too).")
+    settle: Switch = Field(False, description="Let the leaf come to rest under gravity before the first frame.")

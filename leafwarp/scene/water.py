@@ -1,0 +1,177 @@
+"""Tables of the water: how it flows, enters and leaves."""
+
+from __future__ import annotations
+
+import math
+from itertools import pairwise
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from leafwarp.quantity import ZEROS
+from leafwarp.scene.fields import (
+    Conductance,
+    Curve,
+    Diffusivity,
+    Number,
+    Pressure,
+    Rate,
+    Share,
+    Table,
+    Temperature,
+    Time,
+    within,
+)
+
+
+class FluidTable(Table):
+    """Water that flows (paper, Sec. III-A)."""
+
+    step: Annotated[Time, Field(gt=0.0)] = Field(60.0, description="Fluid step in plant time [s]; chosen for accuracy.")
+    scheme: Literal["split", "unsplit"] = Field(
+        "split",
+        description="split: rows, then columns, line by line (the paper). unsplit: both at once, without the "
+        "splitting error.",
+    )
+    solver: Literal["factor", "conjugate_gradients"] = Field(
+        "factor",
+        description="How the unsplit scheme solves a step. factor: a sparse factor, made once, on the host (much the "
+        "faster on a CPU). conjugate_gradients: preconditioned with line solves, all on the device.",
+    )
+    lamina_diffusivity: Annotated[Diffusivity, Field(ge=0.0)] = Field(
+        1e-9, description="Diffusivity of water between the veins [m^2/s] (artistic)."
+    )
+    vein_diffusivity: Annotated[Diffusivity, Field(ge=0.0)] = Field(
+        1e-7, description="Diffusivity of water along a vein of capacity 1 [m^2/s] (artistic)."
+    )
+    tolerance: Number = Field(
+        1e-5, gt=0.0, lt=1.0, description="Relative residual at which the unsplit scheme stops (float64: its square)."
+    )
+
+
+class WaterTable(Table):
+    """Water that is prescribed: the same everywhere, a function of plant time. Excludes [fluid]."""
+
+    curve: Annotated[tuple[tuple[Time, Share], ...], Field(min_length=1, max_length=64)] = Field(
+        description="Points [plant time, relative water content], linear in between."
+    )
+
+    @model_validator(mode="after")
+    def _rising_times(self) -> WaterTable:
+        times = [t for t, _ in self.curve]
+        if any(b <= a for a, b in pairwise(times)):
+            raise ValueError("the times of 'curve' must rise")
+        return self
+
+
+# Opening of the stomata, 1 open and 0 closed.
+Closure = Annotated[Curve, within(0.0, 1.0, "an opening of")]
+
+
+class TranspirationTable(Table):
+    """Water lost through the leaf's surface, as plain rates. [air] and [stomata] say the same in physical units."""
+
+    rate: Annotated[Rate, Field(ge=0.0)] = Field(
+        description="Share of the saturated leaf's water lost a second, averaged over the leaf [1/s]."
+    )
+    cuticle_rate: Annotated[Rate, Field(ge=0.0)] = Field(
+        0.0, description="The part of it that leaves everywhere alike, stomata or not [1/s]."
+    )
+
+    closure: Closure | None = Field(
+        None,
+        description="Points [relative water content, opening of the stomata]: the rate less its cuticular part follows "
+        "it; default: always open, or that of [stomata].",
+    )
+
+    @model_validator(mode="after")
+    def _cuticle_is_a_part(self) -> TranspirationTable:
+        if self.cuticle_rate > self.rate:
+            raise ValueError(
+                f"cuticle_rate {self.cuticle_rate:g} is more than rate {self.rate:g}, of which it is a part"
+            )
+        return self
+
+
+class SourceTable(Table):
+    """Water that enters through the petiole."""
+
+    conductance: Annotated[Rate, Field(ge=0.0)] = Field(
+        description="Share of the saturated leaf's water that enters a second for a difference of 1 [1/s]."
+    )
+    supply: Share = Field(
+        1.0, description="Relative water content of the supply; a leaf wetter than it gives water back."
+    )
+    cut_at: Annotated[Time, Field(ge=0.0)] | None = Field(
+        None, description="Plant time at which the leaf is severed and the source ends [s]."
+    )
+    rewatered_at: Annotated[Time, Field(ge=0.0)] | None = Field(
+        None, description="Plant time at which the source opens again after cut_at [s]."
+    )
+
+    @model_validator(mode="after")
+    def _cut_before_rewatered(self) -> SourceTable:
+        if self.rewatered_at is not None and (self.cut_at is None or self.rewatered_at < self.cut_at):
+            cut = "no cut_at is given" if self.cut_at is None else f"cut_at is {self.cut_at:g} s"
+            raise ValueError(f"rewatered_at = {self.rewatered_at:g} s: {cut}; accepted: a time after cut_at")
+        return self
+
+
+STANDARD_PRESSURE = 101325.0  # [Pa]
+
+
+class AirTable(Table):
+    """The air around the leaf."""
+
+    temperature: Annotated[Temperature, Field(ge=233.15, le=373.0)] = Field(
+        298.15, description="Temperature of leaf and air [K]; a string may say degC."
+    )
+    relative_humidity: Share | None = Field(None, description="Relative humidity of the air, 0 to 1.")
+    vapour_pressure_deficit: Annotated[Pressure, Field(ge=0.0, le=1e5)] | None = Field(
+        None, description="Vapour pressure deficit of the air [Pa], instead of relative_humidity."
+    )
+    pressure: Annotated[Pressure, Field(ge=1e3, le=1e6)] = Field(
+        STANDARD_PRESSURE, description="Pressure of the air [Pa]."
+    )
+
+    @model_validator(mode="after")
+    def _one_dryness(self) -> AirTable:
+        if (self.relative_humidity is None) == (self.vapour_pressure_deficit is None):
+            raise ValueError("give either 'relative_humidity' or 'vapour_pressure_deficit'")
+        return self
+
+    @property
+    def deficit(self) -> float:
+        """Vapour pressure deficit [Pa]: what the air lacks to be saturated at its temperature (Buck 1981)."""
+        if self.vapour_pressure_deficit is not None:
+            return self.vapour_pressure_deficit
+        celsius = self.temperature - ZEROS["degC"]
+        saturated = 611.21 * math.exp((18.678 - celsius / 234.5) * celsius / (257.14 + celsius))
+        return (1.0 - self.relative_humidity) * saturated
+
+
+class StomataTable(Table):
+    """What the leaf's surface lets through, in physical units. Needs [air]."""
+
+    open_conductance: Annotated[Conductance, Field(ge=0.0, le=100.0)] = Field(
+        description="Conductance of the leaf to water vapour with open stomata, cuticle included, averaged over the "
+        "leaf [mol/m2/s]."
+    )
+    minimum_conductance: Annotated[Conductance, Field(ge=0.0, le=100.0)] = Field(
+        5.1e-3,
+        description="Conductance with closed stomata, everywhere alike [mol/m2/s]; default: the median of 247 species.",
+    )
+    closure: Closure | None = Field(
+        None,
+        description="Points [relative water content, opening of the stomata]; default: proportional to the turgor of "
+        "[material].",
+    )
+
+    @model_validator(mode="after")
+    def _minimum_is_less(self) -> StomataTable:
+        if self.minimum_conductance > self.open_conductance:
+            raise ValueError(
+                f"minimum_conductance {self.minimum_conductance:g} is more than open_conductance "
+                f"{self.open_conductance:g}, of which it is a part"
+            )
+        return self
