@@ -16,14 +16,26 @@ UNITS: dict[str, dict[str, float]] = {
     "membrane stiffness": {"N/m": 1.0},
     "bending stiffness": {"N m": 1.0, "N mm": 1e-3, "uN m": 1e-6},
     "mass per area": {"kg/m2": 1.0, "g/m2": 1e-3},
-    "pressure": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9},
+    "pressure": {"Pa": 1.0, "hPa": 1e2, "kPa": 1e3, "MPa": 1e6, "GPa": 1e9, "bar": 1e5},
     "conductance": {"mol/m2/s": 1.0, "mmol/m2/s": 1e-3},
     "temperature": {"K": 1.0, "degC": 1.0},
+    "fraction": {"1": 1.0, "%": 1e-2},
 }
 # What a unit's zero is in SI, where that is not 0.
 ZEROS = {"degC": 273.15}
 
+# Other ways in which a unit is written: "mmol m^-2 s^-1", "m²/s", "°C".
+_SPELLINGS = str.maketrans("²¹⁻·µμ", "21- uu", "^") | {ord("°"): "deg"}
+_INVERSE_POWER = re.compile(r"\s+([a-z]+)-(\d)")
+
 _NUMBER_AND_UNIT = re.compile(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*?)?\s*")
+
+
+def _plain(unit: str) -> str:
+    """A unit as it is spelled in :data:`UNITS`."""
+    return _INVERSE_POWER.sub(
+        lambda power: "/" + power[1] + (power[2] if power[2] != "1" else ""), unit.translate(_SPELLINGS)
+    )
 
 
 def parse_quantity(value: Any, dimension: str) -> Any:
@@ -42,9 +54,9 @@ def parse_quantity(value: Any, dimension: str) -> Any:
         return value
     units = UNITS[dimension]
     match = _NUMBER_AND_UNIT.fullmatch(value)
-    if match is None or (match[2] is not None and match[2] not in units):
+    unit = next(iter(units)) if match is None or match[2] is None else _plain(match[2])
+    if match is None or unit not in units:
         raise ValueError(f"accepted: a number [{next(iter(units))}], or a number and one of {', '.join(units)}")
-    unit = match[2] or next(iter(units))
     return float(match[1]) * units[unit] + ZEROS.get(unit, 0.0)
 
 

@@ -7,8 +7,19 @@ import pytest
 import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
-from fluid_sample import SCHEMES, Sample, ellipse, exchange_matrices, make_sample, petiole_leaf, stage_name
+from fluid_sample import (
+    SCHEMES,
+    Sample,
+    ellipse,
+    exchange_matrices,
+    make_sample,
+    make_scene,
+    petiole_leaf,
+    stage_name,
+)
 from leafwarp.errors import InputError
+from leafwarp.sim.fluid import FluidSteps
+from leafwarp.sim.fluid.source import Opening
 
 # Of one operation on contents of about 1.
 ULP = {"float32": 1.2e-7, "float64": 2.3e-16}
@@ -219,6 +230,104 @@ def test_a_cut_ends_the_source(cut_at: float, scheme: str, device: str, precisio
     assert np.array_equal(sample.step(name, 3), plain.step(name, 3))
     assert sample.state.launch_count - launches[0] == plain.state.launch_count - launches[1]
     assert sample.fluid.ledger().added == ledger.added
+
+
+@pytest.mark.parametrize("step", [7.0, 60.0, 61.7, 1000.0])
+@pytest.mark.parametrize(
+    ("cut_at", "rewatered_at", "seconds"),
+    [
+        (0.0, None, 0.0),
+        (130.0, None, 130.0),
+        (0.0, 0.0, 1000.0),
+        (130.0, 130.0, 1000.0),
+        (130.0, 140.0, 990.0),
+        (119.5, 660.25, 459.25),
+        (60.0, 990.0, 70.0),
+        (130.0, 1e9, 130.0),
+    ],
+)
+def test_the_source_is_open_but_between_cut_and_rewatering(
+    cut_at: float, rewatered_at: float | None, seconds: float, step: float
+) -> None:
+    """Added up over the steps, whatever their length; a step knows its own part alone."""
+    scene = make_scene({
+        "fluid": {"step": step},
+        "source": {"conductance": 1e-3, "cut_at": cut_at, "rewatered_at": rewatered_at},
+        "time": {"duration": 1000.0, "frames": 2},
+    })  # fmt: skip
+    steps, opening = FluidSteps.of(scene), Opening(scene)
+    total = 0.0
+    for index in range(steps.count):
+        before = opening.seconds
+        assert opening.update(steps.interval(index)) == (opening.seconds != before)
+        assert 0.0 <= opening.seconds <= steps.length
+        total += opening.seconds
+    # A moment within a share of 1e-8 of a step from its end is that end.
+    assert total == pytest.approx(seconds, abs=4e-8 * step)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_steps_between_cut_and_rewatering_agree_with_a_direct_solve(scheme: str, device: str, precision: str) -> None:
+    times = {"cut_at": 0.75 * STEP, "rewatered_at": 2.5 * STEP}
+    sample = flowing_sample(scheme, 5.0, 1e-1, device, precision, supply=0.9, **times)
+    plain = flowing_sample(scheme, 5.0, 1e-1, device, precision, supply=0.9)
+    expected, added = sample.water, 0.0
+    for index, share in enumerate((0.75, 0.0, 0.5, 1.0)):
+        expected, entered = reference(sample, scheme, expected, share)
+        added += entered
+        before = sample.water
+        assert sample.step(stage_name(scheme), index) == pytest.approx(expected, abs=5.0 * ROUNDING[precision] + 1e-9)
+    assert sample.fluid.ledger().added == pytest.approx(added, abs=LEDGER[precision] + 1e-9)
+    # Open again, it is the source that was never cut, to the last bit.
+    plain.step(stage_name(scheme), 0)
+    plain.set_water(before)
+    assert np.array_equal(plain.step(stage_name(scheme), 1), sample.water)
+
+
+def rewatered_sample(scheme: str, step: float, device: str, precision: str = "float64", **source: float) -> Sample:
+    """A leaf on its petiole that transpires for 16 h, cut at 1 h 7 min and put into water at 9 h 13 min."""
+    mask, maps = petiole_leaf(24, "y")
+    tables = {
+        "fluid": {"step": step, "scheme": scheme, "lamina_diffusivity": 1e-8, "vein_diffusivity": 1e-6},
+        "transpiration": {"rate": 3e-5, "cuticle_rate": 2e-6, "closure": [[0.75, 0.0], [1.0, 1.0]]},
+        "source": {"conductance": 3e-4, "cut_at": 4020.0, "rewatered_at": 33180.0} | source,
+        "time": {"duration": 57600.0, "frames": 2},
+    }
+    maps["stomata"] = mask.astype(float)
+    return make_sample(tables, mask, maps, device=device, precision=precision)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_severed_leaf_dries_and_fills_again(scheme: str, device: str, precision: str) -> None:
+    sample = rewatered_sample(scheme, 120.0, device, precision)
+    moments = {0.0: None, 4020.0: None, 33120.0: None, 57600.0: None}
+    for time in moments:
+        sample.fluid.advance(time)
+        moments[time] = (sample.leaf_water.mean(), sample.fluid.ledger())
+        assert abs(moments[time][1].error) <= 5.0 * LEDGER[precision]
+    (start, _), (cut, before), (dry, between), (end, after) = moments.values()
+    assert start == 1.0 and cut > 0.85
+    assert dry < 0.75
+    assert between.added == pytest.approx(before.added, abs=5.0 * LEDGER[precision])
+    assert after.added > before.added + 0.1
+    assert end > dry + 0.05
+    never = rewatered_sample(scheme, 120.0, device, precision, cut_at=None, rewatered_at=None)
+    never.fluid.advance(57600.0)
+    assert end == pytest.approx(never.leaf_water.mean(), abs=0.01)
+
+
+@pytest.mark.parametrize("scheme", ["split", "unsplit"])
+def test_the_history_of_a_rewatered_leaf_does_not_depend_on_where_steps_end(scheme: str, device: str) -> None:
+    """Steps that end with the cut and the rewatering, and steps that do not: the same but for the step's own error."""
+    exact = rewatered_sample(scheme, 2.0, device)
+    exact.fluid.advance(57600.0)
+    errors = []
+    for step in (120.0, 113.0, 60.0, 57.0, 30.0, 31.0):
+        sample = rewatered_sample(scheme, step, device)
+        sample.fluid.advance(57600.0)
+        errors.append(np.abs(sample.water - exact.water).max() / step)
+    # Of first order, so in proportion to the step; an aligned step is not the better one.
+    assert np.array(errors) == pytest.approx(errors[-1], rel=0.2)
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)

@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import numpy as np
 import pytest
+from scipy.integrate import quad
 
 from fluid_sample import SCHEMES, Sample, ellipse, make_sample, make_scene
 from leafwarp.errors import InputError
@@ -192,3 +195,161 @@ def test_only_what_the_scene_requires_is_there() -> None:
     split = make_sample({"fluid": {"lamina_diffusivity": 1e-7, "vein_diffusivity": 1e-7}}, mask)
     assert list(split.stages) == ["split_diffusion", "water"]
     assert "unsplit_residual" not in split.state
+
+
+CLOSURES = {
+    "turgor": ((0.8, 0.0), (1.0, 1.0)),
+    "open until half turgor": ((0.8, 0.0), (0.9, 1.0)),
+    "never quite closed": ((0.3, 0.1), (0.5, 0.6), (0.9, 1.0)),
+    "lower at first": ((0.78, 0.0), (0.85, 0.7), (0.95, 1.0), (1.0, 0.4)),
+    "a step": ((0.7, 0.0), (0.7 + 1e-12, 1.0)),
+}
+OPEN_RATE, CUTICLE_RATE = 2e-5, 1e-6  # 0.072 and 0.0036 an hour
+
+
+def closing_sample(
+    closure: tuple | None, step: float, duration: float, device: str, precision: str = "float64", **table: float
+) -> Sample:
+    """Cells of many contents, which nothing links, under stomata that close."""
+    mask = ellipse(12)
+    rng = np.random.default_rng(2)
+    maps = {"water": rng.uniform(0.0, 1.0, mask.shape), "stomata": rng.uniform(0.2, 1.0, mask.shape)}
+    maps["water"][mask.nonzero()[0][:3], mask.nonzero()[1][:3]] = (1.0, 0.8, 0.9)
+    tables = {
+        "fluid": STILL["fluid"] | {"step": step},
+        "transpiration": {"rate": OPEN_RATE, "cuticle_rate": CUTICLE_RATE, "closure": closure} | table,
+        "time": {"duration": duration, "frames": 2},
+    }
+    return make_sample(tables, mask, maps, device=device, precision=precision)
+
+
+@pytest.mark.parametrize("hours", [0.2, 12.0, 200.0])
+@pytest.mark.parametrize("name", ["turgor", "open until half turgor", "never quite closed", "lower at first"])
+def test_a_step_of_any_length_takes_what_the_equation_says(name: str, hours: float, device: str) -> None:
+    """The time to fall from a content to another is the integral of ``dy / r(y)``, here by adaptive quadrature."""
+    sample = closing_sample(CLOSURES[name], 3600.0 * hours, 3600.0 * hours, device)
+    knots, openings = np.array(CLOSURES[name]).T
+    stomata = sample.leaf.maps["stomata"] / sample.leaf.maps["stomata"][sample.leaf.mask].mean()
+    before, after = sample.water, sample.step("transpiration")
+    for place in zip(*sample.leaf.mask.nonzero(), strict=True):
+
+        def rate(content: float, place: tuple = place) -> float:
+            return CUTICLE_RATE + stomata[place] * (OPEN_RATE - CUTICLE_RATE) * np.interp(content, knots, openings)
+
+        start, end = before[place], after[place]
+        ends = [end, *(knot for knot in knots if end < knot < start), start]
+        parts = [quad(lambda y: 1.0 / rate(y), *part, epsabs=0.0, epsrel=1e-12)[0] for part in pairwise(ends)]
+        late = sum(parts) - sample.scene.time.duration
+        if end == 0.0:
+            assert late < 0.0
+        else:
+            # Rounding of contents of about 1 and of the sum of the parts.
+            assert late * rate(end) == pytest.approx(0.0, abs=1e-14)
+    assert abs(sample.fluid.ledger().error) <= 1e-14
+
+
+@pytest.mark.parametrize("name", CLOSURES)
+def test_one_step_of_12_hours_equals_720_of_a_minute(name: str, device: str, precision: str) -> None:
+    one = closing_sample(CLOSURES[name], 12 * 3600.0, 12 * 3600.0, device, precision)
+    many = closing_sample(CLOSURES[name], 60.0, 12 * 3600.0, device, precision)
+    for sample in (one, many):
+        sample.fluid.advance(12 * 3600.0)
+    assert (one.fluid.steps_done, many.fluid.steps_done) == (1, 720)
+    # In float32 720 stored contents are rounded, each by half a unit in the last place.
+    bound = {"float32": 720 * ULP["float32"] / 4.0, "float64": 1e-12}
+    assert np.abs(one.water - many.water).max() <= bound[precision]
+    assert one.fluid.ledger().transpired == pytest.approx(many.fluid.ledger().transpired, abs=bound[precision])
+
+
+def test_the_turgor_loss_point_is_crossed_when_it_should_be(device: str) -> None:
+    """With closure proportional to turgor from y = 1: ``y - b = (1 - b) exp(-m t)`` with ``b`` below the loss point.
+
+    The rate is s (y - L) / (1 - L) + c, so L is reached at ln((s + c) / c) (1 - L) / s, and is left with the cuticle's.
+    """
+    loss_point, seconds = 0.8, 100 * 3600.0
+    mask = ellipse(8)
+    stomatal = OPEN_RATE - CUTICLE_RATE
+    crossing = np.log(OPEN_RATE / CUTICLE_RATE) * (1.0 - loss_point) / stomatal
+    assert 0.0 < crossing < seconds
+    for duration in (crossing, crossing * (1.0 - 1e-9), crossing * (1.0 + 1e-9), seconds):
+        tables = {
+            "fluid": STILL["fluid"] | {"step": duration},
+            "transpiration": {"rate": OPEN_RATE, "cuticle_rate": CUTICLE_RATE, "closure": CLOSURES["turgor"]},
+            "time": {"duration": duration, "frames": 2},
+        }
+        sample = make_sample(tables, mask, {"stomata": np.ones(mask.shape)}, device=device, precision="float64")
+        after = sample.step("transpiration")[mask]
+        assert after == pytest.approx(loss_point - CUTICLE_RATE * (duration - crossing), abs=1e-14)
+
+
+@pytest.mark.parametrize("step", [1e-6, 1e3, 3e11])
+@pytest.mark.parametrize("rate", [1e-300, 1e-5, 1e6, 1e300])
+@pytest.mark.parametrize("cuticle_share", [0.0, 1e-12, 0.5])
+def test_closing_stomata_take_no_more_than_is_there(
+    cuticle_share: float, rate: float, step: float, device: str, precision: str
+) -> None:
+    for closure in CLOSURES.values():
+        sample = closing_sample(
+            closure, step, 3 * step, device, precision, rate=rate, cuticle_rate=rate * cuticle_share
+        )
+        start = before = sample.water
+        for index in range(3):
+            after = sample.step("transpiration", index)
+            assert np.isfinite(after).all() and (after >= 0.0).all() and (after <= before).all()
+            before = after
+        assert abs(sample.fluid.ledger().error) <= 1e-14
+        if cuticle_share == 0.0 and closure[0][1] == 0.0:
+            # Closed stomata lose nothing: no step, however long, passes the point where they close.
+            closed_from = closure[0][0]
+            was_closed = start <= closed_from
+            assert np.array_equal(before[was_closed], start[was_closed])
+            assert (before[~was_closed] >= closed_from - ULP[precision]).all()
+
+
+def test_open_stomata_are_those_of_a_scene_without_a_closure(device: str, precision: str) -> None:
+    """To the last bit, and nothing more is allocated or launched."""
+    always, plain = (closing_sample(closure, 60.0, 600.0, device, precision) for closure in (((0.5, 1.0),), None))
+    for sample in (always, plain):
+        sample.fluid.advance(600.0)
+    assert always.water.tobytes() == plain.water.tobytes()
+    assert set(always.state.names) == set(plain.state.names)
+    assert not [name for name in plain.state.names if "closure" in name]
+    assert {c.kernel_name for c in plain.state.recorded} == {c.kernel_name for c in always.state.recorded}
+    assert "leafwarp_kernels.transpiration.transpire" in {c.kernel_name for c in plain.state.recorded}
+    closing = closing_sample(CLOSURES["turgor"], 60.0, 600.0, device, precision)
+    assert set(closing.state.names) - set(plain.state.names) == {"closure_water", "closure_opening"}
+    closing.fluid.advance(600.0)
+    assert closing.state.launch_count == plain.state.launch_count
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_the_ledger_closes_with_closing_stomata(scheme: str, device: str, precision: str) -> None:
+    mask = ellipse(40, 32)
+    tables = full_tables(scheme)
+    tables["transpiration"] |= {"closure": CLOSURES["turgor"]}
+    sample = make_sample(tables, mask, full_maps(mask), (0.08, 0.1), device, precision)
+    sample.fluid.advance(1500.0)
+    ledger = sample.fluid.ledger()
+    assert ledger.transpired > 0.02 and abs(ledger.error) <= LEDGER[precision]
+
+
+@pytest.mark.parametrize("scheme", ["split", "unsplit"])
+def test_closing_stomata_converge_at_first_order_where_water_flows(scheme: str, device: str) -> None:
+    """Loss and flow of a step follow one another: what the step changes falls in proportion to it."""
+    mask = ellipse(24)
+    maps = full_maps(mask)
+    maps["water"] = np.where(mask, 1.0, 0.0)
+    results = []
+    for step in (800.0, 400.0, 200.0, 100.0, 50.0):
+        tables = {
+            "fluid": {"step": step, "scheme": scheme, "lamina_diffusivity": 2e-10, "vein_diffusivity": 1e-9},
+            "transpiration": {"rate": OPEN_RATE, "cuticle_rate": CUTICLE_RATE, "closure": CLOSURES["turgor"]},
+            "time": {"duration": 16000.0, "frames": 2},
+        }
+        sample = make_sample(tables, mask, maps, device=device, precision="float64")
+        sample.fluid.advance(16000.0)
+        results.append(sample.water)
+    changes = [np.abs(a - b).max() for a, b in pairwise(results)]
+    orders = np.log2(np.divide(changes[:-1], changes[1:]))
+    assert orders == pytest.approx([1.0] * 3, abs=0.1)
+    assert changes[-1] < 1e-4

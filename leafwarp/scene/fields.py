@@ -16,6 +16,7 @@ Diffusivity = quantity("diffusivity")
 Pressure = quantity("pressure")
 Temperature = quantity("temperature")
 Conductance = quantity("conductance")
+Fraction = quantity("fraction")
 MassPerArea = quantity("mass per area")
 Integer = Annotated[int, Strict()]
 Switch = Annotated[bool, Strict()]
@@ -63,6 +64,23 @@ def within(low: float, high: float, what: str) -> AfterValidator:
             if not low <= value <= high:
                 raise ValueError(f"{what} {value:g} is not in [{low:g}, {high:g}]")
         return curve
+
+    return AfterValidator(check)
+
+
+def plain_number(value: float) -> str:
+    """A number as a person writes it: 1e-6, not 1e-06."""
+    return f"{value:g}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
+
+
+def bounded(low: float, high: float, unit: str = "", hint: str = "") -> AfterValidator:
+    """The rule that a number in SI lies between two bounds; its refusal says them, and a hint where there is one."""
+    accepted = " ".join(filter(None, [f"accepted: {plain_number(low)} to {plain_number(high)}", unit]))
+
+    def check(value: float) -> float:
+        if not low <= value <= high:
+            raise ValueError("; ".join(filter(None, [accepted, hint])))
+        return value
 
     return AfterValidator(check)
 

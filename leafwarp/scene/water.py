@@ -13,6 +13,7 @@ from leafwarp.scene.fields import (
     Conductance,
     Curve,
     Diffusivity,
+    Fraction,
     Number,
     Pressure,
     Rate,
@@ -20,6 +21,7 @@ from leafwarp.scene.fields import (
     Table,
     Temperature,
     Time,
+    bounded,
     within,
 )
 
@@ -92,6 +94,12 @@ class TranspirationTable(Table):
             )
         return self
 
+    @property
+    def stomata_close(self) -> bool:
+        """Whether the loss through stomata depends on the water."""
+        is_open = self.closure is None or all(opening == 1.0 for _, opening in self.closure)
+        return self.rate > self.cuticle_rate and not is_open
+
 
 class SourceTable(Table):
     """Water that enters through the petiole."""
@@ -118,19 +126,33 @@ class SourceTable(Table):
 
 
 STANDARD_PRESSURE = 101325.0  # [Pa]
+BOILING = ZEROS["degC"] + 100.0  # [K]
+
+
+def saturation_pressure(temperature: float) -> float:
+    """Pressure of saturated water vapour over water [Pa] (Buck 1981, with his coefficients of 1996).
+
+    Args:
+        temperature: [K].
+    """
+    celsius = temperature - ZEROS["degC"]
+    return 611.21 * math.exp((18.678 - celsius / 234.5) * celsius / (257.14 + celsius))
 
 
 class AirTable(Table):
     """The air around the leaf."""
 
-    temperature: Annotated[Temperature, Field(ge=233.15, le=373.0)] = Field(
-        298.15, description="Temperature of leaf and air [K]; a string may say degC."
+    temperature: Annotated[
+        Temperature,
+        bounded(233.15, BOILING, "K", "a plain number is in kelvin, a string may say degC: '24.5 degC'"),
+    ] = Field(298.15, description="Temperature of leaf and air [K]; a string may say degC.")
+    relative_humidity: Annotated[Fraction, bounded(0.0, 1.0, "", "a string may say %: '65 %'")] | None = Field(
+        None, description="Relative humidity of the air, 0 to 1; a string may say %."
     )
-    relative_humidity: Share | None = Field(None, description="Relative humidity of the air, 0 to 1.")
-    vapour_pressure_deficit: Annotated[Pressure, Field(ge=0.0, le=1e5)] | None = Field(
+    vapour_pressure_deficit: Annotated[Pressure, bounded(0.0, 1e5, "Pa")] | None = Field(
         None, description="Vapour pressure deficit of the air [Pa], instead of relative_humidity."
     )
-    pressure: Annotated[Pressure, Field(ge=1e3, le=1e6)] = Field(
+    pressure: Annotated[Pressure, bounded(1e3, 1e6, "Pa")] = Field(
         STANDARD_PRESSURE, description="Pressure of the air [Pa]."
     )
 
@@ -140,31 +162,42 @@ class AirTable(Table):
             raise ValueError("give either 'relative_humidity' or 'vapour_pressure_deficit'")
         return self
 
+    @model_validator(mode="after")
+    def _humidity_is_possible(self) -> AirTable:
+        saturated = saturation_pressure(self.temperature)
+        if "temperature" in self.model_fields_set and self.deficit > saturated:
+            raise ValueError(
+                f"vapour_pressure_deficit = {self.deficit:g} Pa: accepted at a temperature of {self.temperature:g} K: "
+                f"0 to {saturated:.4g} Pa, where the air is dry"
+            )
+        return self
+
     @property
     def deficit(self) -> float:
-        """Vapour pressure deficit [Pa]: what the air lacks to be saturated at its temperature (Buck 1981)."""
+        """Vapour pressure deficit [Pa]: what the air lacks to be saturated at its temperature."""
         if self.vapour_pressure_deficit is not None:
             return self.vapour_pressure_deficit
-        celsius = self.temperature - ZEROS["degC"]
-        saturated = 611.21 * math.exp((18.678 - celsius / 234.5) * celsius / (257.14 + celsius))
-        return (1.0 - self.relative_humidity) * saturated
+        return (1.0 - self.relative_humidity) * saturation_pressure(self.temperature)
+
+
+_LeafConductance = Annotated[Conductance, bounded(0.0, 100.0, "mol/m2/s")]
 
 
 class StomataTable(Table):
     """What the leaf's surface lets through, in physical units. Needs [air]."""
 
-    open_conductance: Annotated[Conductance, Field(ge=0.0, le=100.0)] = Field(
+    open_conductance: _LeafConductance = Field(
         description="Conductance of the leaf to water vapour with open stomata, cuticle included, averaged over the "
         "leaf [mol/m2/s]."
     )
-    minimum_conductance: Annotated[Conductance, Field(ge=0.0, le=100.0)] = Field(
+    minimum_conductance: _LeafConductance = Field(
         5.1e-3,
         description="Conductance with closed stomata, everywhere alike [mol/m2/s]; default: the median of 247 species.",
     )
     closure: Closure | None = Field(
         None,
         description="Points [relative water content, opening of the stomata]; default: proportional to the turgor of "
-        "[material].",
+        "[material], so closed from the turgor loss point on.",
     )
 
     @model_validator(mode="after")
@@ -172,6 +205,6 @@ class StomataTable(Table):
         if self.minimum_conductance > self.open_conductance:
             raise ValueError(
                 f"minimum_conductance {self.minimum_conductance:g} is more than open_conductance "
-                f"{self.open_conductance:g}, of which it is a part"
+                f"{self.open_conductance:g}, of which it is a part; accepted: 0 to open_conductance"
             )
         return self

@@ -36,6 +36,8 @@ def source_cells(leaf: Leaf) -> np.ndarray:
 class Opening:
     """How long the source is open in a step, and whether that has changed.
 
+    It is open until ``source.cut_at``, and from ``source.rewatered_at`` on.
+
     Args:
         scene: With [source].
 
@@ -46,16 +48,19 @@ class Opening:
     def __init__(self, scene: Scene):
         self.seconds = 0.0
         self._step = FluidSteps.of(scene).length
-        self._end = math.inf if scene.source.cut_at is None else scene.source.cut_at
+        self._cut = math.inf if scene.source.cut_at is None else scene.source.cut_at
+        self._rewatered = math.inf if scene.source.rewatered_at is None else scene.source.rewatered_at
 
     def update(self, interval: Interval) -> bool:
         """Go to a step.
 
         Returns:
-            Whether the source is open for another time than in the step before: at the start, with the cut and after
-            it.
+            Whether the source is open for another time than in the step before: at the start, and in the steps in
+            and after which it is cut or rewatered.
         """
-        seconds = min(self._end - interval.start, self._step)
+        until_cut = max(0.0, min(self._cut - interval.start, self._step))
+        since_rewatered = max(0.0, min(interval.start + self._step - self._rewatered, self._step))
+        seconds = until_cut + since_rewatered
         if seconds <= SNAP * self._step:
             seconds = 0.0
         elif seconds >= (1.0 - SNAP) * self._step:
@@ -127,7 +132,7 @@ class Source(Stage):
     """
 
     name = "source"
-    purpose = "water exchanged with the supply at the petiole base, until the leaf is cut"
+    purpose = "water exchanged with the supply at the petiole base, while the leaf is not cut"
     rate = "fluid step"
 
     def __init__(self, scene: Scene, leaf: Leaf):

@@ -10,7 +10,7 @@ from leafwarp.scene import Scene
 from leafwarp.sim.fluid.steps import FluidSteps
 from leafwarp.sim.launch import ArraySpec, State
 from leafwarp.sim.stage import Stage
-from leafwarp_kernels.transpiration import transpire
+from leafwarp_kernels.transpiration import transpire, transpire_with_closure
 
 # A rate above this empties any cell in any step that can be computed; float32 holds its product with a step.
 MAXIMUM_RATE = 1e15
@@ -18,6 +18,8 @@ MAXIMUM_RATE = 1e15
 
 class Transpiration(Stage):
     """Water that leaves through the leaf's surface: a cuticular part everywhere, the rest through stomata.
+
+    Where the stomata close as the leaf dries, a step takes what the differential equation says, however long it is.
 
     Raises:
         InputError: The scene has a stomatal part, but the map shows no stomata on the leaf.
@@ -31,6 +33,7 @@ class Transpiration(Stage):
         super().__init__(scene, leaf)
         rows = leaf.mask.shape[0]
         self._stomatal = scene.transpiration.rate > scene.transpiration.cuticle_rate
+        self._closure = scene.transpiration.closure if scene.transpiration.stomata_close else None
         self._step = FluidSteps.of(scene).length
         arrays = [ArraySpec("transpired_by_row", (rows,), "float64", "content transpired from each row of cells")]
         if self._stomatal:
@@ -40,6 +43,13 @@ class Transpiration(Stage):
                     "maps.stomata: the map is 0 on the whole leaf; accepted: a map with stomata, or "
                     f"transpiration.cuticle_rate = {scene.transpiration.rate:g} (the rate) for a leaf without"
                 )
+        if self._closure is not None:
+            self.purpose += ", which close as the leaf dries"
+            count = len(self._closure)
+            arrays += [
+                ArraySpec("closure_water", (count,), "float64", "water contents of the response curve of the stomata"),
+                ArraySpec("closure_opening", (count,), "float64", "opening of the stomata there, 0 to 1"),
+            ]
         self.arrays = tuple(arrays)
 
     def bind(self, state: State) -> None:
@@ -48,9 +58,13 @@ class Transpiration(Stage):
             stomata = np.where(mask, self.leaf.maps["stomata"], 0.0)
             share = stomata / stomata[mask].mean()
             state.upload("stomatal_rate", np.minimum(share * (table.rate - table.cuticle_rate), MAXIMUM_RATE))
-        inputs = [
-            min(table.cuticle_rate, MAXIMUM_RATE),
-            "stomatal_rate" if self._stomatal else None,
-            self._step,
-        ]
-        self.commands = [state.record(transpire, mask.shape[0], inputs, ["water", "transpired_by_row"])]
+        cuticle, outputs = min(table.cuticle_rate, MAXIMUM_RATE), ["water", "transpired_by_row"]
+        if self._closure is None:
+            stomatal = "stomatal_rate" if self._stomatal else None
+            self.commands = [state.record(transpire, mask.shape[0], [cuticle, stomatal, self._step], outputs)]
+            return
+        contents, openings = np.array(self._closure).T
+        state.upload("closure_water", contents)
+        state.upload("closure_opening", openings)
+        inputs = [cuticle, "stomatal_rate", "closure_water", "closure_opening", self._step]
+        self.commands = [state.record(transpire_with_closure, mask.shape[0], inputs, outputs)]
