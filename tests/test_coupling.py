@@ -12,6 +12,7 @@ from leafwarp.scene import Scene
 from leafwarp.sim import material
 from leafwarp.sim.coupling import point_uv
 from leafwarp.sim.simulation import Simulation
+from leafwarp.sim.vein_direction import edge_alignment, vein_directions
 from meshes import scene_of, strip
 
 # A parameter is a product of a few numbers of its own precision: some roundings of its own size.
@@ -173,3 +174,149 @@ def test_midpoints_of_hinges_lie_between_the_opposite_vertices() -> None:
     leaf = leaf_with_maps()
     first = leaf.mesh.hinges[0]
     assert point_uv(leaf, "hinge")[0] == pytest.approx((leaf.uv[first[2]] + leaf.uv[first[3]]) / 2)
+
+
+# A raster of parallel veins shows their direction to within 3 degrees; a direction that is sure by 0.99.
+ALIGNMENT = 0.11
+
+
+def leaf_with_parallel_veins(degrees: float, spacing: float = 4e-3) -> Leaf:
+    """A strip of 8 cm by 3 cm with drawn, antialiased veins at an angle to its length, a quarter as wide as their
+    spacing [m]."""
+    plain = strip(0.08, 0.03, 16, jitter=0.2)
+    rows, columns = 120, 320
+    x = plain.frame.origin[0] + (np.arange(columns) + 0.5) / columns * plain.frame.size[0]
+    y = plain.frame.origin[1] + (np.arange(rows) + 0.5) / rows * plain.frame.size[1]
+    turn = np.radians(degrees)
+    across = y[:, None] * np.cos(turn) - x[None, :] * np.sin(turn)
+    to_vein = np.abs((across / spacing) % 1.0 - 0.5) * spacing
+    venation = np.clip((0.125 * spacing - to_vein) * columns / plain.frame.size[0] + 0.5, 0.0, 1.0)
+    return dataclasses.replace(plain, mask=np.ones((rows, columns), bool), maps={"venation": venation})
+
+
+@pytest.mark.parametrize("degrees", [0, 30, 90])
+def test_edges_know_how_they_lie_to_the_veins(degrees) -> None:
+    leaf = leaf_with_parallel_veins(degrees)
+    along = np.diff(leaf.mesh.positions[leaf.mesh.edges], axis=1)[:, 0]
+    angle = np.arctan2(along[:, 1], along[:, 0]) - np.radians(degrees)
+    assert np.abs(edge_alignment(leaf) - np.cos(2.0 * angle)).max() < ALIGNMENT
+
+
+@pytest.mark.parametrize("degrees", [0, 30, 90])
+def test_a_leaf_shrinks_along_and_across_its_veins_as_the_scene_says(degrees, device, precision) -> None:
+    leaf = leaf_with_parallel_veins(degrees)
+    along, across = 0.03, 0.12
+    scene = scene_of(
+        structure={"membrane_stiffness": 5.0, "damping": 0.3},
+        motion={"drag": 20.0},
+        shrink={"curve": [[0, across], [1, 0]], "along_veins": along / across},
+        water={"curve": [[0.0, 1.0], [0.4, 0.0]]},
+        time={"duration": 1.0, "frames": 60},
+        solver={"precision": precision},
+    )
+    simulation = Simulation(scene, leaf, device)
+    *_, last = simulation.frames()
+    rest = leaf.mesh.positions - leaf.mesh.positions.mean(axis=0)
+    moved = last.points[:, :2] - last.points[:, :2].mean(axis=0)
+    stretch = np.linalg.lstsq(rest, moved, rcond=None)[0]
+    values, directions = np.linalg.eigh(stretch @ stretch.T)
+    # Springs at an angle shrink by the strain, not by the root of its square: half the square of its difference.
+    assert 1.0 - np.sqrt(values) == pytest.approx([across, along], abs=0.003)
+    turn = np.radians(degrees)
+    assert abs(directions[:, 1] @ (np.cos(turn), np.sin(turn))) == pytest.approx(1.0, abs=2e-3)
+
+
+def test_where_no_vein_shows_the_leaf_shrinks_by_the_mean_of_both() -> None:
+    """No direction is sure in a plain lamina, where veins cross at right angles, or where they hardly show."""
+    plain, crossed, crossing = (leaf_with_parallel_veins(degrees, 2e-3) for degrees in (0, 0, 90))
+    plain.maps["venation"][:] = 0.4
+    crossed.maps["venation"] = np.maximum(crossed.maps["venation"], crossing.maps["venation"])
+    faint = leaf_with_parallel_veins(30)
+    faint.maps["venation"] *= 1e-3
+    assert np.abs(vein_directions(plain)).max() < 1e-20
+    assert np.linalg.norm(vein_directions(faint), axis=-1).max() < 0.1
+    # Near the margin the mean sees one vein more than those that cross it.
+    assert np.linalg.norm(vein_directions(crossed), axis=-1)[20:-20, 20:-20].max() < 0.1
+    scene = scene_of(shrink={"curve": [[0, 0.2], [1, 0]], "along_veins": 0.5}, water={"curve": [[0.0, 1.0]]})
+    simulation = Simulation(scene, plain)
+    simulation.state["edge_water"].fill_(0.0)
+    simulation.stage("rest_lengths").run()
+    ratio = simulation.state["edge_rest_length"].numpy() / material.edge_lengths(
+        plain.mesh, material.rest_positions(scene, plain)
+    )
+    assert ratio == pytest.approx(1.0 - 0.15, rel=1e-6)
+
+
+def test_the_margin_has_no_direction_of_its_own() -> None:
+    """A leaf of one capacity ends in a step of the map, which is no vein."""
+    leaf = leaf_with_parallel_veins(0)
+    mask = np.zeros_like(leaf.mask)
+    mask[20:-20, 30:-30] = True
+    ragged = dataclasses.replace(leaf, mask=mask, maps={"venation": np.where(mask, 0.7, 0.0)})
+    assert np.abs(vein_directions(ragged)).max() < 1e-9
+
+
+SET_TABLES = {
+    "shrink": {"curve": [[0, 0.3], [1, 0]]},
+    "curl": {"mismatch": [[0, 0.02], [0.9, 0]]},
+}
+DRY_AND_REWATER = (1.0, 0.8, 0.5, 0.3, 0.5, 0.95, 1.0)
+
+
+def set_history(plastic_set: float, contents, device: str, precision: str) -> dict[str, np.ndarray]:
+    """Rest lengths and angles of a leaf whose water goes through some contents, each [len(contents), count]."""
+    tables = {name: {**table, "plastic_set": plastic_set} for name, table in SET_TABLES.items()}
+    simulation = bound(flowing(**tables), leaf_with_maps(), device, precision)
+    seen = {"edge_rest_length": [], "hinge_rest_angle": []}
+    for content in contents:
+        simulation.state.upload("water_now", np.full(CELLS, content))
+        simulation._couple(None)
+        for name, values in seen.items():
+            values.append(simulation.state[name].numpy().copy())
+    return {name: np.array(values) for name, values in seen.items()}
+
+
+@pytest.mark.parametrize("share", [0.25, 1.0])
+def test_what_dried_curled_stays_curled_by_a_share_when_rewatered(share, device, precision) -> None:
+    plain = set_history(0.0, DRY_AND_REWATER, device, precision)
+    kept = set_history(share, DRY_AND_REWATER, device, precision)
+    driest = DRY_AND_REWATER.index(0.3)
+    for name in plain:
+        start, peak = plain[name][0], plain[name][driest]
+        for step in range(driest, len(DRY_AND_REWATER)):
+            expected = (1.0 - share) * plain[name][step] + share * peak
+            assert np.abs(kept[name][step] - expected).max() < ROUNDINGS[precision] * np.abs(peak).max()
+        assert np.abs(kept[name][-1] - start - share * (peak - start)).max() < (
+            ROUNDINGS[precision] * np.abs(peak).max()
+        )
+
+
+def test_a_plastic_set_leaves_a_leaf_that_only_dries_alone(device, precision) -> None:
+    drying = (1.0, 0.9, 0.6, 0.6, 0.1, 0.0)
+    plain, kept = (set_history(share, drying, device, precision) for share in (0.0, 0.6))
+    for name in plain:
+        assert (plain[name] == kept[name]).all()
+
+
+def test_a_second_drying_to_the_same_content_adds_nothing(device, precision) -> None:
+    kept = set_history(0.5, (1.0, 0.4, 1.0, 0.4, 1.0), device, precision)
+    for values in kept.values():
+        assert (values[1] == values[3]).all() and (values[2] == values[4]).all()
+
+
+def test_only_a_scene_with_a_plastic_set_remembers() -> None:
+    def names(share: float) -> set[str]:
+        shrink = {**SET_TABLES["shrink"], "plastic_set": share}
+        return set(bound(flowing(shrink=shrink), leaf_with_maps(), "cpu", "float32").state.names)
+
+    assert names(0.3) - names(0.0) == {"edge_rest_length_peak"}
+
+
+def test_only_a_scene_that_shrinks_along_veins_looks_for_their_direction() -> None:
+    shrink = {"curve": [[0, 0.2], [1, 0]]}
+    assert scene_of(shrink=shrink).map_names == ()
+    directed = scene_of(shrink={**shrink, "along_veins": 0.5})
+    assert directed.map_names == ("venation",)
+    # The directions are found on the host: no venation is sampled on the device.
+    simulation = Simulation(directed, leaf_with_parallel_veins(0))
+    assert not [name for name in simulation.state.names if "stencil" in name or "venation" in name]

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from leafwarp.leaf.leaf import LeafMesh
 from leafwarp.sim import material
 from leafwarp.sim.material import (
     cambered_positions,
@@ -13,6 +14,7 @@ from leafwarp.sim.material import (
     hinge_stiffness,
     pinned_vertices,
 )
+from leafwarp.sim.simulation import Simulation
 from meshes import leaf_of, mesh_of, scene_of, strip, two_triangles
 
 
@@ -111,3 +113,93 @@ def test_pins():
 def test_a_leaf_whose_base_is_off_the_mesh_still_has_a_pin():
     leaf = leaf_of(mesh_of([[1.0, 0.0], [2.0, 0.0], [1.5, 1.0]], [[0, 1, 2]]))
     np.testing.assert_array_equal(pinned_vertices(leaf, scene_of().motion), [True, False, False])
+
+
+SHEET = {
+    "thickness": "0.2 mm",
+    "vein_thickness": "0.2 mm",
+    "lamina_modulus": "30 MPa",
+    "vein_modulus": "30 MPa",
+    "poisson_ratio": 0.3,
+    "shrink_across": 0.0,
+    "shrink_along": 0.0,
+    "mismatch": 0.0,
+}
+MEMBRANE, BENDING = 30e6 * 2e-4, 30e6 * (2e-4) ** 3 / (12.0 * (1.0 - 0.3**2))
+
+
+def sheet_springs(columns: int, jitter: float = 0.0) -> tuple[LeafMesh, np.ndarray, np.ndarray]:
+    """A strip of a uniform material, and the stiffness of its springs as the simulation has them."""
+    # As wide as four rows of equilateral triangles at ten columns, so that the triangles are equilateral.
+    leaf = strip(0.1, 0.04 * 0.75**0.5, columns, jitter, seed=1)
+    state = Simulation(scene_of(material=SHEET), leaf).state
+    return leaf.mesh, state["edge_stiffness"].numpy(), state["hinge_stiffness"].numpy()
+
+
+def pulled(mesh: LeafMesh, stiffness: np.ndarray) -> tuple[float, float]:
+    """Tension over strain [N/m] and contraction over strain of a strip in small stretch, free at its sides."""
+    x, y = mesh.positions.T
+    directions = np.diff(mesh.positions[mesh.edges], axis=1)[:, 0]
+    directions /= np.linalg.norm(directions, axis=1)[:, None]
+    system = np.zeros((mesh.vertex_count, 2, mesh.vertex_count, 2))
+    for (a, b), k, u in zip(mesh.edges, stiffness, directions, strict=True):
+        block = k * np.outer(u, u)
+        system[a, :, a] += block
+        system[b, :, b] += block
+        system[a, :, b] -= block
+        system[b, :, a] -= block
+    system = system.reshape(2 * mesh.vertex_count, -1)
+    left, right = np.flatnonzero(x < 1e-9), np.flatnonzero(x > x.max() - 1e-9)
+    fixed = np.concatenate((2 * left, 2 * right, [2 * left[np.argmin(np.abs(y[left]))] + 1]))
+    free = np.setdiff1d(np.arange(len(system)), fixed)
+    moved = np.zeros(len(system))
+    strain = 1e-3
+    moved[2 * right] = strain * x.max()
+    moved[free] = np.linalg.solve(system[np.ix_(free, free)], -system[np.ix_(free, fixed)] @ moved[fixed])
+    tension = (system @ moved)[2 * right].sum() / np.ptp(y)
+    inner = np.abs(x / x.max() - 0.5) < 0.3
+    return tension / strain, -np.polyfit(y[inner], moved[1::2][inner], 1)[0] / strain
+
+
+@pytest.mark.parametrize("columns", [10, 20])
+def test_a_stretched_strip_has_the_membrane_stiffness_of_its_material(columns):
+    stiffness, poisson = pulled(*sheet_springs(columns)[:2])
+    # The triangles at the ends are no equilateral ones.
+    assert stiffness == pytest.approx(MEMBRANE, rel=0.01)
+    assert poisson == pytest.approx(1.0 / 3.0, rel=0.02)
+
+
+def test_on_an_irregular_mesh_the_membrane_stiffness_nears_its_materials_with_the_resolution():
+    errors = [abs(pulled(*sheet_springs(columns, jitter=0.2)[:2])[0] / MEMBRANE - 1.0) for columns in (10, 20)]
+    assert errors[0] < 0.1 and errors[1] < 0.7 * errors[0]
+
+
+CURVATURE = 0.2  # [1/m]
+# Second derivatives of the height over the curvature, and the energy over D curvature^2 / 2 of a sheet whose Poisson
+# ratio in bending is -1/3: k1^2 + k2^2 - 2/3 k1 k2.
+BENT = {
+    "along": ([[1.0, 0.0], [0.0, 0.0]], 1.0),
+    "across": ([[0.0, 0.0], [0.0, 1.0]], 1.0),
+    "at 45 degrees": ([[0.5, 0.5], [0.5, 0.5]], 1.0),
+    "bowl": ([[1.0, 0.0], [0.0, 1.0]], 4.0 / 3.0),
+    "saddle": ([[1.0, 0.0], [0.0, -1.0]], 8.0 / 3.0),
+}
+
+
+@pytest.mark.parametrize("form", BENT)
+def test_a_bent_strip_has_the_bending_stiffness_of_its_material(form):
+    hessian, expected = BENT[form]
+    ratios = []
+    for columns in (10, 20):
+        mesh, _, stiffness = sheet_springs(columns)
+        height = 0.5 * CURVATURE * np.einsum("vi,ij,vj->v", mesh.positions, np.array(hessian), mesh.positions)
+        angles = material.dihedral_angles(mesh, np.column_stack((mesh.positions, height)))
+        energy = 0.5 * np.sum(stiffness * angles**2)
+        # A hinge stands for a third of its triangles; there is none along the margin.
+        area = np.sum(hinge_span(mesh) * np.linalg.norm(np.diff(mesh.positions[mesh.hinges[:, :2]], axis=1), axis=2).T)
+        ratios.append(energy / (0.5 * area * 0.5 * BENDING * CURVATURE**2))
+    coarse, fine = ratios
+    # The margin's share of the hinges falls with the edge length, and with it the error.
+    assert fine == pytest.approx(expected, rel=0.1)
+    assert abs(fine - expected) < 0.6 * abs(coarse - expected)
+    assert 2.0 * fine - coarse == pytest.approx(expected, rel=0.02)

@@ -9,6 +9,10 @@ With a response curve ``f``, piecewise linear in y and constant beyond its ends,
 
 ``d`` is the hinge's span, ``h`` the thickness: two equal layers with a strain mismatch e bend to 1.5 e / h
 (Timoshenko). The photo is the unstressed shape, so a rest length or angle sees the change of its curve alone.
+
+With a plastic set ``s`` that change ``c`` keeps a share of the largest that it has ever had, ``c_peak``::
+
+    p = p_start + gain ((1 - s) c + s c_peak).
 """
 
 from typing import Any
@@ -49,6 +53,33 @@ def respond_to_change(
     i = wp.tid()
     change = response(water[i], knots, values) - response_start[i]
     parameter_out[i] = parameter_start[i] + gain[i] * change
+
+
+@wp.kernel
+def respond_with_set(
+    # inputs:
+    water: wp.array[wp.Float],
+    knots: wp.array[wp.Float],
+    values: wp.array[wp.Float],
+    response_start: wp.array[wp.Float],
+    gain: wp.array[wp.Float],
+    parameter_start: wp.array[wp.Float],
+    plastic_set: wp.Float,
+    # outputs:
+    peak_out: wp.array[wp.Float],
+    parameter_out: wp.array[wp.Float],
+):
+    """The same with a plastic set; ``peak_out`` remembers the largest change from call to call.
+
+    Where the change is its own peak, the parameter is bit by bit that of :func:`respond_to_change`.
+    """
+    i = wp.tid()
+    change = response(water[i], knots, values) - response_start[i]
+    peak = peak_out[i]
+    if wp.abs(change) > wp.abs(peak):
+        peak = change
+    peak_out[i] = peak
+    parameter_out[i] = parameter_start[i] + gain[i] * (change + plastic_set * (peak - change))
 
 
 @wp.kernel

@@ -66,6 +66,11 @@ class Scene(Table):
             raise ValueError(
                 "structure.bending needs structure.bending_stiffness: there are no angular springs without"
             )
+        if self.structure.bending == "paper" and self.motion.method != "explicit":
+            raise ValueError(
+                f"structure.bending = 'paper': accepted with motion.method = 'explicit', not '{self.motion.method}': "
+                "the paper's push on two vertices has no energy, and so no equilibrium to look for"
+            )
         if self.motion.wind is not None and self.motion.drag == 0.0:
             raise ValueError("motion.wind needs motion.drag above 0: air without drag moves nothing")
         if self.motion.settle and not self.has_weight and self.motion.wind is None:
@@ -95,10 +100,10 @@ class Scene(Table):
 
     @property
     def structure_has_veins(self) -> bool:
-        """Whether veins shrink, curl or resist otherwise than the lamina."""
+        """Whether veins are stiffer or shrink or curl less than the lamina."""
         return (
             self.veins_are_stiffer
-            or (self.shrinks and (self.shrink.vein_resistance > 0.0 or self.shrinks_along_veins))
+            or (self.shrinks and self.shrink.vein_resistance > 0.0)
             or (self.curls and self.curl.vein_resistance > 0.0)
         )
 
@@ -139,11 +144,18 @@ class Scene(Table):
         return bool(self.structure.bending_stiffness)
 
     @property
+    def warnings(self) -> tuple[str, ...]:
+        """What is accepted but unusual, one line each."""
+        from leafwarp.scene.warnings import unusual_values
+
+        return unusual_values(self)
+
+    @property
     def map_names(self) -> tuple[str, ...]:
         """The maps that the scene requires; empty if nothing varies over the leaf."""
         stomata = self.transpiration is not None and self.transpiration.rate > self.transpiration.cuticle_rate
         wanted = {
-            "venation": self.flow_has_veins or self.structure_has_veins,
+            "venation": self.flow_has_veins or self.structure_has_veins or self.shrinks_along_veins,
             "stomata": stomata,
             "water": self.fluid is not None,
             "source": self.source is not None and self.source.conductance > 0.0,

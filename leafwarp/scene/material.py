@@ -13,52 +13,53 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from leafwarp.scene.fields import Curve, Length, MassPerArea, Number, Pressure, Share, Table
+from leafwarp.scene.fields import Curve, Length, MassPerArea, Number, Pressure, Share, Table, bounded
 from leafwarp.scene.presets import PRESETS
 
-Modulus = Annotated[Pressure, Field(gt=0.0, le=1e13)]
+Thickness = Annotated[Length, bounded(1e-6, 0.1, "m")]
+Modulus = Annotated[Pressure, bounded(1e-3, 1e13, "Pa")]
+ShrunkShare = Annotated[Number, bounded(-0.5, 0.95)]
 
 
 class MaterialTable(Table):
     """What the leaf is made of. What is left out is that of the preset."""
 
     preset: Literal[tuple(PRESETS)] = Field("tree", description="Kind of leaf whose figures hold where none is given.")
-    thickness: Annotated[Length, Field(ge=1e-6, le=0.1)] | None = Field(None, description="Of the lamina [m].")
-    vein_thickness: Annotated[Length, Field(ge=1e-6, le=0.1)] | None = Field(
-        None, description="Of a vein of capacity 1 [m]."
-    )
+    thickness: Thickness | None = Field(None, description="Of the lamina [m].")
+    vein_thickness: Thickness | None = Field(None, description="Of a vein of capacity 1 [m].")
     lamina_modulus: Modulus | None = Field(None, description="Young's modulus of the turgid lamina [Pa].")
     vein_modulus: Modulus | None = Field(None, description="Young's modulus of a vein of capacity 1 [Pa].")
-    poisson_ratio: Annotated[Number, Field(gt=-1.0, le=0.5)] | None = Field(
-        None, description="Of the lamina; it enters the bending stiffness (in its plane the mesh has 1/3)."
+    poisson_ratio: Annotated[Number, bounded(-0.99, 0.5)] | None = Field(
+        None,
+        description="Of the lamina; it enters the bending stiffness. The mesh itself has 1/3 in its plane and -1/3 in "
+        "bending, whatever this says.",
     )
-    dry_mass: Annotated[MassPerArea, Field(ge=1e-6, le=1e6)] | None = Field(
+    dry_mass: Annotated[MassPerArea, bounded(1e-6, 1e6, "kg/m2")] | None = Field(
         None, description="Mass of the dry leaf [kg/m^2]."
     )
-    saturated_water: Annotated[MassPerArea, Field(gt=0.0, le=1e6)] | None = Field(
+    saturated_water: Annotated[MassPerArea, bounded(1e-6, 1e6, "kg/m2")] | None = Field(
         None, description="Mass of the water of the saturated leaf [kg/m^2]."
     )
-    osmotic_potential: Annotated[Pressure, Field(gt=0.0, le=1e9)] | None = Field(
+    osmotic_potential: Annotated[Pressure, bounded(1.0, 1e9, "Pa", "a positive number")] | None = Field(
         None, description="Osmotic potential at full turgor, as a positive number [Pa]."
     )
-    bulk_modulus: Annotated[Pressure, Field(gt=0.0, le=1e11)] | None = Field(
+    bulk_modulus: Annotated[Pressure, bounded(1.0, 1e11, "Pa")] | None = Field(
         None, description="Bulk elastic modulus of the cells [Pa]; the turgor loss point is 1 - osmotic/bulk."
     )
-    wilted_stiffness: Annotated[Number, Field(ge=0.0, le=1.0)] | None = Field(
+    wilted_stiffness: Annotated[Number, bounded(1e-3, 1.0)] | None = Field(
         None, description="Stiffness at the turgor loss point over that of the turgid leaf."
     )
-    dry_stiffness: Annotated[Number, Field(ge=0.0, le=1e6)] | None = Field(
+    dry_stiffness: Annotated[Number, bounded(1e-3, 1e6)] | None = Field(
         None, description="Stiffness of the dry leaf over that at the turgor loss point."
     )
-    shrink_across: Annotated[Number, Field(ge=-0.5, le=0.95)] | None = Field(
+    shrink_across: ShrunkShare | None = Field(
         None, description="Share of its length that the dry leaf has lost across the veins."
     )
-    shrink_along: Annotated[Number, Field(ge=-0.5, le=0.95)] | None = Field(
-        None, description="The same along the veins."
-    )
-    mismatch: Annotated[Number, Field(ge=-1.0, le=1.0)] | None = Field(
+    shrink_along: ShrunkShare | None = Field(None, description="The same along the veins.")
+    mismatch: Annotated[Number, bounded(-1.0, 1.0)] | None = Field(
         None,
-        description="Strain between the two sides of the dry leaf; positive bends toward the photographed side.",
+        description="Strain between the two sides of the dry leaf; positive bends toward the photographed side. A wide "
+        "leaf rolls to the curvature mismatch / thickness, a narrow strip bends to 1.5 times that.",
     )
     plastic_set: Share | None = Field(
         None, description="Share of shrinking and curling at their greatest that stays when the leaf is rewatered."
@@ -73,6 +74,12 @@ class MaterialTable(Table):
                 f"turgor loss point at {self.turgor_loss_point:g}; accepted: between 0 and 1, so an osmotic potential "
                 "below the bulk modulus"
             )
+        across, along = self.shrink_across, self.shrink_along
+        if not (across == along == 0.0 or (across != 0.0 and 0.0 <= along / across <= 10.0)):
+            raise ValueError(
+                f"shrink_along {along:g} and shrink_across {across:g}; accepted: of one sign, and along up to 10 times "
+                "across"
+            )
         return self
 
     @property
@@ -84,6 +91,16 @@ class MaterialTable(Table):
     def turgor(self) -> Curve:
         """Turgor over that of the saturated leaf, a response curve."""
         return ((self.turgor_loss_point, 0.0), (1.0, 1.0))
+
+    @property
+    def density(self) -> float:
+        """Mass of the saturated leaf over its volume [kg/m^3]."""
+        return (self.dry_mass + self.saturated_water) / self.thickness
+
+    @property
+    def area_lost(self) -> float:
+        """Share of its area that the dry leaf has lost, if nothing resists."""
+        return 1.0 - (1.0 - self.shrink_across) * (1.0 - self.shrink_along)
 
     @property
     def membrane_stiffness(self) -> float:
@@ -119,9 +136,10 @@ class MaterialTable(Table):
         }
 
     def curl(self) -> dict[str, object]:
-        """Keys of [curl] that follow."""
+        """Keys of [curl] that follow. The same strain between its sides bends a vein the less, the thicker it is."""
         return {
             "mismatch": ((0.0, self.mismatch), (self.turgor_loss_point, 0.0)),
             "thickness": self.thickness,
+            "vein_resistance": max(0.0, 1.0 - self.thickness / self.vein_thickness),
             "plastic_set": self.plastic_set,
         }

@@ -31,13 +31,17 @@ class CurlTable(Table):
     mismatch: Annotated[Curve, within(-1.0, 1.0, "a mismatch of")] | None = Field(
         None,
         description="Points [relative water content, strain between the two sides]; positive bends toward the "
-        "photographed side. A narrow strip bends to the curvature 1.5 mismatch / thickness, a wide plate rolls to 2/3 "
-        "of it. Default: that of [material].",
+        "photographed side. It means that of two equal layers, free to bend in every direction: a narrow strip bends "
+        "to the curvature 1.5 mismatch / thickness, a wide leaf rolls to 2/3 of it, mismatch / thickness, since the "
+        "hinges have an effective Poisson ratio of -1/3. For a wide leaf of curvature k give k * thickness. "
+        "Default: that of [material].",
     )
     thickness: Annotated[Length, Field(ge=1e-7, le=1.0)] = Field(
         2.5e-4, description="Thickness of the lamina [m]; default: 0.25 mm, or that of [material]."
     )
-    vein_resistance: Share = Field(0.0, description="Share of the curling that a vein of capacity 1 resists.")
+    vein_resistance: Share = Field(
+        0.0, description="Share of the curling that a vein of capacity 1 resists; default: 0, or that of [material]."
+    )
     plastic_set: Share = Field(
         0.0, description="Share of the curling at its greatest that stays when the leaf is rewatered."
     )

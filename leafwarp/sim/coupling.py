@@ -25,7 +25,7 @@ from leafwarp.sim import material
 from leafwarp.sim.launch import ArraySpec, State
 from leafwarp.sim.sampling import sampling_stencils, smooth_over_leaf
 from leafwarp.sim.stage import Interval, Stage
-from leafwarp_kernels.response import respond_in_proportion, respond_to_change
+from leafwarp_kernels.response import respond_in_proportion, respond_to_change, respond_with_set
 from leafwarp_kernels.sampling import sample_map
 
 
@@ -182,6 +182,7 @@ class _Response(Stage, ABC):
     rate = "frame"
     parameter: ClassVar[str]
     points: ClassVar[str]
+    plastic_set = 0.0
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
@@ -192,6 +193,9 @@ class _Response(Stage, ABC):
             ArraySpec(f"{name}_start", (count,), "real", f"{name} of the photographed leaf"),
             ArraySpec(f"{name}_response_start", (count,), "real", f"response of {name} to the water at the start"),
         )
+        if self.plastic_set > 0.0:
+            meaning = f"largest change so far of the response of {name}"
+            self.arrays += (ArraySpec(f"{name}_peak", (count,), "real", meaning),)
 
     @abstractmethod
     def curve(self) -> Curve:
@@ -212,7 +216,11 @@ class _Response(Stage, ABC):
         state.upload(f"{name}_gain", gain)
         state.upload(f"{name}_start", start)
         inputs = [samples, *curve, f"{name}_response_start", f"{name}_gain", f"{name}_start"]
-        self.commands = [state.record(respond_to_change, count, inputs, [name])]
+        if self.plastic_set > 0.0:
+            inputs, outputs = [*inputs, state.real(self.plastic_set)], [f"{name}_peak", name]
+            self.commands = [state.record(respond_with_set, count, inputs, outputs)]
+        else:
+            self.commands = [state.record(respond_to_change, count, inputs, [name])]
 
 
 def _curve_specs(name: str, curve: Curve) -> tuple[ArraySpec, ...]:
@@ -230,19 +238,35 @@ def _upload_curve(state: State, name: str, curve: Curve) -> tuple[str, str]:
 
 
 class RestLengths(_Response):
-    """Edge springs shorten as the leaf dries; veins resist."""
+    """Edge springs shorten as the leaf dries, along the veins by another share than across them; veins resist."""
 
     name = "rest_lengths"
     purpose = "rest lengths of the edge springs from the water (shrink)"
     parameter = "edge_rest_length"
     points = "edge"
 
+    @property
+    def plastic_set(self) -> float:
+        return self.scene.shrink.plastic_set
+
     def curve(self) -> Curve:
         return self.scene.shrink.curve
 
     def start_and_gain(self, water: np.ndarray, venation: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         lengths = material.edge_lengths(self.leaf.mesh, material.rest_positions(self.scene, self.leaf))
-        return lengths, -lengths * (1.0 - self.scene.shrink.vein_resistance * venation)
+        gain = -lengths * (1.0 - self.scene.shrink.vein_resistance * venation)
+        return lengths, gain * self._share_across() if self.scene.shrinks_along_veins else gain
+
+    def _share_across(self) -> np.ndarray:
+        """Shrinking of each edge over that across the veins, shape [edge_count].
+
+        ``sin^2 phi + a cos^2 phi`` at the angle ``phi`` to the veins, which shrink by the ratio ``a`` along themselves;
+        the mean of both where no direction is sure.
+        """
+        from leafwarp.sim.vein_direction import edge_alignment
+
+        along = self.scene.shrink.along_veins
+        return 0.5 * (1.0 + along) - 0.5 * (1.0 - along) * edge_alignment(self.leaf)
 
 
 class RestAngles(_Response):
@@ -252,6 +276,10 @@ class RestAngles(_Response):
     purpose = "rest angles of the angular springs from the water (curl)"
     parameter = "hinge_rest_angle"
     points = "hinge"
+
+    @property
+    def plastic_set(self) -> float:
+        return self.scene.curl.plastic_set
 
     def curve(self) -> Curve:
         return self.scene.curl.mismatch
