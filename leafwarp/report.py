@@ -80,6 +80,7 @@ def make_report(
             "retries": simulation.motion.retries,
             "settled": asdict(simulation.settled) if simulation.settled is not None else None,
             "unbalanced_torque": simulation.motion.unbalanced_torque,
+            "newton": _newton_report(simulation),
         },
         "frames": len(frame_seconds),
         "milliseconds_per_frame": {
@@ -94,6 +95,22 @@ def make_report(
         "memory": {"arrays_bytes": simulation.state.byte_count, "peak_bytes": peak_memory()},
         "launches": simulation.state.launch_count,
         "arrays": len(simulation.state.names),
+    }
+
+
+def _newton_report(simulation: Simulation) -> dict[str, Any] | None:
+    """What Newton's method did in implicit or quasistatic motion."""
+    newton = simulation.motion.newton
+    if newton is None:
+        return None
+    effort = newton.effort
+    return {
+        "method": simulation.scene.motion.method,
+        "iterations": effort.iterations,
+        "linear_iterations": effort.linear_iterations,
+        "factorisations": effort.factorisations,
+        "seconds": dict(effort.watch.seconds),
+        "factor_bytes": newton.byte_count,
     }
 
 

@@ -139,7 +139,17 @@ def test_what_a_stage_reads_comes_from_somewhere(variant: str, scene_leaf) -> No
     assert not {s.name for s in plan.stages} & set(plan.left_out)
 
 
-TABLES = ("stencils", "edge_springs", "angular_springs", "paper_bending", "integration", "split_diffusion", "water")
+TABLES = (
+    "stencils",
+    "implicit_motion",
+    "quasistatic_motion",
+    "edge_springs",
+    "angular_springs",
+    "paper_bending",
+    "integration",
+    "split_diffusion",
+    "water",
+)
 
 
 def test_every_package_is_shipped() -> None:

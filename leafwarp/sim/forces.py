@@ -7,7 +7,7 @@ from typing import ClassVar
 import numpy as np
 import warp as wp
 
-from leafwarp.leaf.leaf import Leaf
+from leafwarp.leaf.leaf import Leaf, LeafMesh
 from leafwarp.scene import Scene
 from leafwarp.sim import material
 from leafwarp.sim.adjacency import vertex_to_slots
@@ -23,6 +23,101 @@ from leafwarp_kernels import (
 )
 
 
+def vertex_arrays(mesh: LeafMesh) -> tuple[ArraySpec, ...]:
+    """What every motion knows of the vertices."""
+    vertices = mesh.vertex_count
+    return (
+        ArraySpec("position", (vertices,), "vector", "vertex positions [m]"),
+        ArraySpec("velocity", (vertices,), "vector", "vertex velocities [m/s]"),
+        ArraySpec("mass", (vertices,), "real", "vertex masses [kg]"),
+        ArraySpec("pinned", (vertices,), "bool", "vertices that are held"),
+        ArraySpec("time_step", (1,), "real", "length of a step [s]"),
+    )
+
+
+def edge_arrays(mesh: LeafMesh) -> tuple[ArraySpec, ...]:
+    """The edge springs, and those of every vertex."""
+    vertices, edges = mesh.vertex_count, mesh.edge_count
+    return (
+        ArraySpec("edge_rest_length", (edges,), "real", "rest length of each edge spring [m]"),
+        ArraySpec("edge_stiffness", (edges,), "real", "stiffness of each edge spring [N/m]"),
+        *edge_tables(vertices, edges),
+    )
+
+
+def edge_tables(vertices: int, edges: int) -> tuple[ArraySpec, ...]:
+    """Which vertices the edges join, and which edges the vertices have."""
+    return (
+        ArraySpec("edge_vertices", (edges, 2), "int32", "vertices of each edge spring"),
+        ArraySpec("vertex_edge_start", (vertices + 1,), "int32", "where each vertex's edges start"),
+        ArraySpec("vertex_edges", (2 * edges,), "int32", "edges at each vertex"),
+        ArraySpec("vertex_neighbors", (2 * edges,), "int32", "vertex at the other end of each of them"),
+    )
+
+
+def hinge_arrays(mesh: LeafMesh) -> tuple[ArraySpec, ...]:
+    """The angular springs, and those of every vertex."""
+    vertices, hinges = mesh.vertex_count, mesh.hinge_count
+    return (
+        ArraySpec("hinge_rest_angle", (hinges,), "real", "rest angle of each angular spring [rad]"),
+        ArraySpec("hinge_stiffness", (hinges,), "real", "stiffness of each angular spring [N m/rad]"),
+        *hinge_tables(vertices, hinges),
+    )
+
+
+def hinge_tables(vertices: int, hinges: int) -> tuple[ArraySpec, ...]:
+    """Which vertices the hinges have, and which hinges the vertices have."""
+    return (
+        ArraySpec("hinge_angle", (hinges,), "real", "angle of each angular spring, continued in time [rad]"),
+        ArraySpec("hinge_vertices", (hinges, 4), "int32", "vertices of each hinge: edge a, b, opposite c, d"),
+        ArraySpec("vertex_hinge_start", (vertices + 1,), "int32", "where each vertex's hinge forces start"),
+        ArraySpec("vertex_hinge_slots", (4 * hinges,), "int32", "places of the forces on each vertex"),
+    )
+
+
+def fill_vertices(scene: Scene, leaf: Leaf, state: State) -> None:
+    """Put the vertices where the photo has them, with the masses of the start."""
+    structure = scene.structure
+    # A leaf whose water flows starts out saturated, until its water is first sampled.
+    water = 1.0 if scene.water is None else scene.water.curve[0][1]
+    state.upload("position", material.rest_positions(scene, leaf))
+    state.upload("mass", material.vertex_mass(leaf.mesh, structure.dry_mass, structure.water_mass, water))
+    state.upload("pinned", material.pinned_vertices(leaf, scene.motion))
+
+
+def fill_edges(scene: Scene, leaf: Leaf, state: State) -> None:
+    """Fill the edge springs' arrays: at rest in the photo's shape."""
+    state.upload("edge_rest_length", material.edge_lengths(leaf.mesh, material.rest_positions(scene, leaf)))
+    state.upload("edge_stiffness", material.edge_stiffness(leaf.mesh, scene.structure.membrane_stiffness))
+    fill_edge_tables(leaf.mesh.edges, leaf.mesh.vertex_count, state)
+
+
+def fill_edge_tables(edges: np.ndarray, vertex_count: int, state: State) -> None:
+    """Fill the edge springs' tables."""
+    start, places = vertex_to_slots(edges, vertex_count)
+    state.upload("edge_vertices", edges)
+    state.upload("vertex_edge_start", start)
+    state.upload("vertex_edges", places // 2)
+    state.upload("vertex_neighbors", edges[:, ::-1].ravel()[places])
+
+
+def fill_hinges(scene: Scene, leaf: Leaf, state: State) -> None:
+    """Fill the angular springs' arrays: at rest in the photo's shape."""
+    rest = material.dihedral_angles(leaf.mesh, material.rest_positions(scene, leaf))
+    state.upload("hinge_rest_angle", rest)
+    state.upload("hinge_angle", rest)
+    state.upload("hinge_stiffness", material.hinge_stiffness(leaf.mesh, scene.structure.bending_stiffness or 0.0))
+    fill_hinge_tables(leaf.mesh.hinges, leaf.mesh.vertex_count, state)
+
+
+def fill_hinge_tables(hinges: np.ndarray, vertex_count: int, state: State) -> None:
+    """Fill the angular springs' tables."""
+    start, places = vertex_to_slots(hinges, vertex_count)
+    state.upload("hinge_vertices", hinges)
+    state.upload("vertex_hinge_start", start)
+    state.upload("vertex_hinge_slots", places)
+
+
 class EdgeSprings(Stage):
     """Forces along the edges. The first of the force stages: it overwrites the force."""
 
@@ -32,32 +127,18 @@ class EdgeSprings(Stage):
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
-        vertices, edges = leaf.mesh.vertex_count, leaf.mesh.edge_count
         self.arrays = (
-            ArraySpec("force", (vertices,), "vector", "force on each vertex [N]"),
-            ArraySpec("edge_rest_length", (edges,), "real", "rest length of each edge spring [m]"),
-            ArraySpec("edge_stiffness", (edges,), "real", "stiffness of each edge spring [N/m]"),
-            ArraySpec("edge_vertices", (edges, 2), "int32", "vertices of each edge spring"),
-            ArraySpec("vertex_edge_start", (vertices + 1,), "int32", "where each vertex's edges start"),
-            ArraySpec("vertex_edges", (2 * edges,), "int32", "edges at each vertex"),
-            ArraySpec("vertex_neighbors", (2 * edges,), "int32", "vertex at the other end of each of them"),
+            ArraySpec("force", (leaf.mesh.vertex_count,), "vector", "force on each vertex [N]"),
             ArraySpec("damping_time", (1,), "real", "damping of springs over their stiffness [s]"),
+            *edge_arrays(leaf.mesh),
         )
 
     def bind(self, state: State) -> None:
-        mesh = self.leaf.mesh
-        start, places = vertex_to_slots(mesh.edges, mesh.vertex_count)
-        rest = material.edge_lengths(mesh, material.rest_positions(self.scene, self.leaf))
-        state.upload("edge_rest_length", rest)
-        state.upload("edge_stiffness", material.edge_stiffness(mesh, self.scene.structure.membrane_stiffness))
-        state.upload("edge_vertices", mesh.edges)
-        state.upload("vertex_edge_start", start)
-        state.upload("vertex_edges", places // 2)
-        state.upload("vertex_neighbors", mesh.edges[:, ::-1].ravel()[places])
+        fill_edges(self.scene, self.leaf, state)
         self.commands = [
             state.record(
                 edge_springs.edge_spring_forces,
-                mesh.vertex_count,
+                self.leaf.mesh.vertex_count,
                 inputs=[
                     "position",
                     "velocity",
@@ -81,27 +162,12 @@ class _Hinges(Stage):
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
-        vertices, hinges = leaf.mesh.vertex_count, leaf.mesh.hinge_count
-        self.arrays = (
-            ArraySpec("hinge_rest_angle", (hinges,), "real", "rest angle of each angular spring [rad]"),
-            ArraySpec("hinge_stiffness", (hinges,), "real", "stiffness of each angular spring [N m/rad]"),
-            ArraySpec("hinge_angle", (hinges,), "real", "angle of each angular spring, continued in time [rad]"),
-            ArraySpec("hinge_vertices", (hinges, 4), "int32", "vertices of each hinge: edge a, b, opposite c, d"),
-            ArraySpec("hinge_force", (4 * hinges,), "vector", "force of each hinge on its four vertices [N]"),
-            ArraySpec("vertex_hinge_start", (vertices + 1,), "int32", "where each vertex's hinge forces start"),
-            ArraySpec("vertex_hinge_slots", (4 * hinges,), "int32", "places of the forces on each vertex"),
-        )
+        force = ArraySpec("hinge_force", (4 * leaf.mesh.hinge_count,), "vector", "forces of each hinge [N]")
+        self.arrays = (force, *hinge_arrays(leaf.mesh))
 
     def bind(self, state: State) -> None:
         mesh = self.leaf.mesh
-        start, places = vertex_to_slots(mesh.hinges, mesh.vertex_count)
-        rest = material.dihedral_angles(mesh, material.rest_positions(self.scene, self.leaf))
-        state.upload("hinge_rest_angle", rest)
-        state.upload("hinge_angle", rest)
-        state.upload("hinge_stiffness", material.hinge_stiffness(mesh, self.scene.structure.bending_stiffness or 0.0))
-        state.upload("hinge_vertices", mesh.hinges)
-        state.upload("vertex_hinge_start", start)
-        state.upload("vertex_hinge_slots", places)
+        fill_hinges(self.scene, self.leaf, state)
         self.commands = [
             state.record(
                 self.kernel,
@@ -219,23 +285,10 @@ class Integration(Stage):
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
-        vertices = leaf.mesh.vertex_count
-        self.arrays = (
-            ArraySpec("position", (vertices,), "vector", "vertex positions [m]"),
-            ArraySpec("velocity", (vertices,), "vector", "vertex velocities [m/s]"),
-            ArraySpec("mass", (vertices,), "real", "vertex masses [kg]"),
-            ArraySpec("pinned", (vertices,), "bool", "vertices that are held"),
-            ArraySpec("time_step", (1,), "real", "length of a substep [s]"),
-        )
+        self.arrays = vertex_arrays(leaf.mesh)
 
     def bind(self, state: State) -> None:
-        structure = self.scene.structure
-        state.upload("position", material.rest_positions(self.scene, self.leaf))
-        state.upload(
-            "mass",
-            material.vertex_mass(self.leaf.mesh, structure.dry_mass, structure.water_mass, self._starting_water()),
-        )
-        state.upload("pinned", material.pinned_vertices(self.leaf, self.scene.motion))
+        fill_vertices(self.scene, self.leaf, state)
         self.commands = [
             state.record(
                 integration.integrate,
@@ -244,8 +297,3 @@ class Integration(Stage):
                 outputs=["position", "velocity"],
             )
         ]
-
-    def _starting_water(self) -> float:
-        """Relative water content where the scene prescribes one; a leaf whose water flows starts out
-        saturated, until its water is first sampled."""
-        return 1.0 if self.scene.water is None else self.scene.water.curve[0][1]

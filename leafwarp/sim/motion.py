@@ -7,6 +7,7 @@ import math
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 import warp as wp
@@ -16,8 +17,12 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.forces import Air, PaperBending
 from leafwarp.sim.launch import State
+from leafwarp.sim.settled import Settled
 from leafwarp.sim.stable_step import StableStep, step_limit
 from leafwarp.sim.stage import Stage
+
+if TYPE_CHECKING:
+    from leafwarp.sim.implicit.motion import NewtonMotion
 
 # Share of the stable step that is used: what is left covers a frame's change of geometry.
 SAFETY = 0.9
@@ -41,23 +46,6 @@ STANDARD_GRAVITY = 9.80665  # [m/s^2]
 
 
 @dataclass(frozen=True)
-class Settled:
-    """How well a leaf came to rest.
-
-    Attributes:
-        residual: Largest force left on a free vertex, over the mean weight of a vertex.
-        swing: How far it would still swing, as a share of its length.
-        substeps: Substeps that it took.
-        settled: Whether the swing is as small as was asked.
-    """
-
-    residual: float
-    swing: float
-    substeps: int
-    settled: bool
-
-
-@dataclass(frozen=True)
 class _Fault:
     """What is wrong with a span of motion, and what would help."""
 
@@ -66,7 +54,7 @@ class _Fault:
 
 
 class Motion:
-    """Moves the structure from frame to frame.
+    """Moves the structure from frame to frame by small steps.
 
     The substeps of a frame are the fewest that are safe; they are decided between frames
     from the stiffness and masses of the moment. After the frame its step is checked against the new geometry.
@@ -86,7 +74,10 @@ class Motion:
         retries: How often a frame was redone.
         unbalanced_torque: Largest torque at the end of a frame that the paper's bending left unbalanced
             [N m]; None where the scene does not bend that way.
+        newton: None: explicit motion solves nothing.
     """
+
+    newton = None
 
     def __init__(self, scene: Scene, leaf: Leaf, state: State, stages: Sequence[Stage]):
         self._state = state
@@ -307,3 +298,19 @@ class Motion:
             "lower structure.membrane_stiffness (explicit motion wants 2 to 20 N/m) or bending_stiffness, "
             "or raise time.fps or solver.maximum_substeps"
         )
+
+
+def make_motion(scene: Scene, leaf: Leaf, state: State, stages: Sequence[Stage]) -> Motion | NewtonMotion:
+    """The motion that a scene asks for.
+
+    Args:
+        scene: The scene.
+        leaf: The leaf.
+        state: The state that the stages are bound to.
+        stages: The stages of the plan's group "motion".
+    """
+    if scene.motion.method == "explicit":
+        return Motion(scene, leaf, state, stages)
+    from leafwarp.sim.implicit.motion import make_newton_motion
+
+    return make_newton_motion(scene, leaf, state, stages[0])

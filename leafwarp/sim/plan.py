@@ -60,6 +60,15 @@ def _samples_maps(scene: Scene) -> bool:
     return scene.fluid is not None or scene.structure_has_veins
 
 
+def _moves(method: str) -> Callable[[Scene, Leaf], str | None]:
+    return lambda scene, leaf: None if scene.motion.method == method else f"motion.method is {scene.motion.method}"
+
+
+def _explicitly(left_out: Callable[[Scene, Leaf], str | None]) -> Callable[[Scene, Leaf], str | None]:
+    """What is a stage of its own in explicit motion only: the others minimise all forces' potential at once."""
+    return lambda scene, leaf: _moves("explicit")(scene, leaf) or left_out(scene, leaf)
+
+
 def _bending_left_out(scene: Scene, leaf: Leaf, how: str) -> str | None:
     if not scene.has_angular_springs:
         return "no structure.bending_stiffness, or it is 0"
@@ -70,6 +79,7 @@ def _bending_left_out(scene: Scene, leaf: Leaf, how: str) -> str | None:
 
 _FLUID, _COUPLING = "leafwarp.sim.fluid", "leafwarp.sim.coupling"
 _FORCES, _OUTPUT = "leafwarp.sim.forces", "leafwarp.sim.output"
+_IMPLICIT = "leafwarp.sim.implicit.stages"
 _PRESCRIBED = "water is prescribed by [water]"
 
 CANDIDATES: tuple[_Candidate, ...] = (
@@ -96,16 +106,19 @@ CANDIDATES: tuple[_Candidate, ...] = (
     _Candidate("coupling", "stiffness", f"{_COUPLING}:Stiffness", _stiffness_left_out),
     _Candidate("coupling", "mass", f"{_COUPLING}:Mass",
                _needs(lambda s: s.structure.water_mass > 0.0, "structure.water_mass is 0")),
-    _Candidate("motion", "stable_step", "leafwarp.sim.stable_step:StableStep", _always),
-    _Candidate("motion", "edge_springs", f"{_FORCES}:EdgeSprings", _always),
+    _Candidate("motion", "implicit_motion", f"{_IMPLICIT}:ImplicitMotion", _moves("implicit")),
+    _Candidate("motion", "quasistatic_motion", f"{_IMPLICIT}:QuasistaticMotion", _moves("quasistatic")),
+    _Candidate("motion", "stable_step", "leafwarp.sim.stable_step:StableStep", _explicitly(_always)),
+    _Candidate("motion", "edge_springs", f"{_FORCES}:EdgeSprings", _explicitly(_always)),
     _Candidate("motion", "angular_springs", f"{_FORCES}:AngularSprings",
-               lambda s, leaf: _bending_left_out(s, leaf, "gradient")),
+               _explicitly(lambda s, leaf: _bending_left_out(s, leaf, "gradient"))),
     _Candidate("motion", "paper_bending", f"{_FORCES}:PaperBending",
-               lambda s, leaf: _bending_left_out(s, leaf, "paper")),
+               _explicitly(lambda s, leaf: _bending_left_out(s, leaf, "paper"))),
     _Candidate("motion", "gravity", f"{_FORCES}:Gravity",
-               _needs(lambda s: s.has_weight, "no motion.gravity, or none in any direction")),
-    _Candidate("motion", "air", f"{_FORCES}:Air", _needs(lambda s: s.motion.drag > 0.0, "motion.drag is 0")),
-    _Candidate("motion", "integration", f"{_FORCES}:Integration", _always),
+               _explicitly(_needs(lambda s: s.has_weight, "no motion.gravity, or none in any direction"))),
+    _Candidate("motion", "air", f"{_FORCES}:Air",
+               _explicitly(_needs(lambda s: s.motion.drag > 0.0, "motion.drag is 0"))),
+    _Candidate("motion", "integration", f"{_FORCES}:Integration", _explicitly(_always)),
     _Candidate("output", "frame", f"{_OUTPUT}:FrameOutput", _always),
     _Candidate("output", "display_color", f"{_OUTPUT}:DisplayColor",
                _needs(lambda s: s.output.display_color, "output.display_color is off")),

@@ -11,8 +11,9 @@ from leafwarp.frame import Frame
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.launch import State
-from leafwarp.sim.motion import Motion, Settled
+from leafwarp.sim.motion import make_motion
 from leafwarp.sim.plan import Plan, make_plan
+from leafwarp.sim.settled import Settled
 from leafwarp.sim.stage import Interval, Stage, bind_stage
 from leafwarp.stopwatch import Stopwatch
 
@@ -55,7 +56,7 @@ class Simulation:
                     bind_stage(stage, self.state)
             self.fluid = self._make_fluid()
             self._couple(Interval(0.0, 0.0))
-            self.motion = Motion(scene, leaf, self.state, self.plan.groups["motion"])
+            self.motion = make_motion(scene, leaf, self.state, self.plan.groups["motion"])
 
     def _make_fluid(self) -> Fluid | None:
         if self.scene.fluid is None:

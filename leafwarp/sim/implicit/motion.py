@@ -1,0 +1,241 @@
+"""Moving the leaf from frame to frame by minimising a potential; what does not converge is retried in smaller steps."""
+
+from __future__ import annotations
+
+import numpy as np
+import scipy.sparse as sparse
+
+from leafwarp.errors import SimulationError
+from leafwarp.leaf.leaf import Leaf
+from leafwarp.scene import Scene
+from leafwarp.sim.implicit import NotConverged
+from leafwarp.sim.implicit.newton import Accuracy, Newton
+from leafwarp.sim.implicit.relaxation import relax
+from leafwarp.sim.implicit.stages import ImplicitMotion, PotentialMotion
+from leafwarp.sim.implicit.threads import one_thread
+from leafwarp.sim.launch import State
+from leafwarp.sim.settled import Settled
+
+# Of a step in time, whose error the next one makes good; and of an equilibrium.
+STEP_ACCURACY = Accuracy(force=1e-3, step=2e-5)
+REST_ACCURACY = Accuracy(force=1e-5, step=2e-6)
+# How often a step is halved before the frame is given up.
+MOST_HALVINGS = 6
+STANDARD_GRAVITY = 9.80665  # [m/s^2]
+# What the coupling sets and quasistatic motion goes toward in parts if it must.
+REST_STATE = ("edge_rest_length", "edge_stiffness", "hinge_rest_angle", "hinge_stiffness", "mass")
+
+
+class NewtonMotion:
+    """What both motions share.
+
+    Args:
+        scene: The scene.
+        leaf: The leaf.
+        state: The state that the stage is bound to.
+        stage: The stage.
+
+    Attributes:
+        substeps: Steps of all frames so far, those of frames that were redone included.
+        largest_substeps: Most steps of a frame so far.
+        retries: How often a step was redone in halves.
+        unbalanced_torque: None: no momentum is lost.
+        newton: The solver, with what it did so far.
+    """
+
+    unbalanced_torque = None
+
+    def __init__(self, scene: Scene, leaf: Leaf, state: State, stage: PotentialMotion):
+        self._scene, self._leaf, self._state, self._stage = scene, leaf, state, stage
+        self.substeps = 0
+        self.largest_substeps = 0
+        self.retries = 0
+        self.start()
+
+    def start(self) -> None:
+        """Begin anew from the pins, stiffness and masses of the moment."""
+        self._pinned = self._state["pinned"].numpy().copy()
+        self.newton = Newton(self._stage.potential, self._pinned, self._leaf.length)
+        self._stage.factor_bytes = self.newton.byte_count
+
+    def required_substeps(self, frame_duration: float) -> int:
+        """Steps that a frame is begun with: one."""
+        return 1
+
+    def advance(self, frame_duration: float, frame: int) -> int:
+        """Move the leaf by one frame.
+
+        Args:
+            frame_duration: Playback time of the frame [s].
+            frame: Its number, for messages.
+
+        Returns:
+            The steps that the frame took.
+
+        Raises:
+            SimulationError: It does not converge, not even in the smallest steps. The state is that of the frame's
+                start.
+        """
+        names = ("position", "velocity", *(("hinge_angle",) if self._stage.hinged else ()))
+        saved = {name: self._state[name].numpy().copy() for name in names}
+        try:
+            with one_thread():
+                steps = self._advance(frame_duration)
+        except NotConverged as error:
+            for name, values in saved.items():
+                self._state.upload(name, values)
+            remedy = "raise time.fps or structure.damping, or lower the load, the curl or the shrinking of a frame"
+            raise SimulationError(frame, self._stage.name, f"{error}; {remedy}") from None
+        self.largest_substeps = max(self.largest_substeps, steps)
+        return steps
+
+    def settle(self) -> Settled:
+        """Let the leaf come to rest under the forces of the moment; its velocities are zero afterwards.
+
+        Raises:
+            SimulationError: No equilibrium was found.
+        """
+        before = self.newton.effort.iterations
+        try:
+            with one_thread():
+                found = self._rest()
+        except NotConverged as error:
+            raise SimulationError(0, "settling", f"{error}; lower the load or raise the stiffness") from None
+        self._state["velocity"].zero_()
+        gravity = np.linalg.norm(self._scene.motion.gravity or 0.0) or STANDARD_GRAVITY
+        weight = gravity * float(self._state["mass"].numpy().mean())
+        return Settled(found.residual / weight, 0.0, self.newton.effort.iterations - before, True)
+
+    def stage_shares(self) -> dict[str, float]:
+        """The time of the motion is that of its one stage."""
+        return {self._stage.name: 1.0}
+
+    def _advance(self, duration: float) -> int:
+        raise NotImplementedError
+
+    def _positions(self) -> np.ndarray:
+        return self._state["position"].numpy().copy()
+
+    def _rest(self):
+        """Go to the equilibrium under the rest state of the moment."""
+        self._set_times(1.0, 0.0)
+        self._stage.prepare_rest()
+        found = relax(
+            self.newton,
+            self._state,
+            self._positions(),
+            self._state["mass"].numpy().copy(),
+            self._leaf.length,
+            REST_ACCURACY,
+            is_held=bool(self._pinned.any()),
+            each_step=self._stage.potential.keep_angles,
+        )
+        self._finish()
+        return found
+
+    def _finish(self) -> None:
+        self._stage.potential.keep_angles()
+        self._stage.arrive()
+        self._stage.factor_bytes = self.newton.byte_count
+
+    def _set_times(self, step: float, damping_time: float) -> None:
+        self._state.upload("time_step", np.array([step]))
+        self._state.upload("damping_share", np.array([damping_time / step]))
+
+
+class ImplicitEuler(NewtonMotion):
+    """Backward Euler, a step a frame; a step that does not converge is taken in halves."""
+
+    _stage: ImplicitMotion
+
+    def start(self) -> None:
+        """Begin anew, and fix the damping from the stiffness and masses of the moment.
+
+        As in explicit motion the damping time of the springs is ``tau = 2 zeta / omega``, with the scene's damping
+        ratio and a bound ``omega`` of the mesh's fastest oscillation.
+        """
+        super().start()
+        damping = self._scene.structure.damping
+        frequency = np.sqrt(self._largest_squared_frequency()) if damping > 0.0 else 0.0
+        self._damping_time = 2.0 * damping / frequency if frequency > 0.0 else 0.0
+
+    def _largest_squared_frequency(self) -> float:
+        """Bound of the mesh's squared frequencies at rest [1/s^2]: the largest row sum of the Hessian over a mass."""
+        count = self._leaf.mesh.vertex_count
+        self._set_times(1.0, 0.0)
+        self._stage.prepare_rest()
+        self._state["inertia"].zero_()
+        self.newton.start(self._positions())
+        pattern, blocks = self._stage.potential.pattern, np.abs(self._stage.potential.blocks(True))
+        sums = blocks.sum(axis=(1, 2))
+        upper = sparse.coo_matrix((sums, (pattern.rows, pattern.columns)), shape=(count, count))
+        rows = np.asarray((upper + sparse.triu(upper, 1).T).sum(axis=1)).ravel()
+        return float((rows / self._state["mass"].numpy())[~self._pinned].max(initial=0.0))
+
+    def _advance(self, duration: float) -> int:
+        steps, done, size = 0, 0.0, 1.0
+        while done < 1.0:
+            saved = self._positions()
+            self._set_times(size * duration, self._damping_time)
+            self._stage.prepare_step()
+            self.newton.inertia_changed()
+            try:
+                self.newton.minimise(saved, STEP_ACCURACY)
+            except NotConverged:
+                if size <= 0.5**MOST_HALVINGS:
+                    raise
+                size *= 0.5
+                self.retries += 1
+                self.newton.forget()
+                continue
+            self._finish()
+            done += size
+            steps += 1
+            self.substeps += 1
+        return steps
+
+
+class Quasistatic(NewtonMotion):
+    """The equilibrium of every frame; where it is not found, the rest state is approached in parts."""
+
+    def start(self) -> None:
+        """Begin anew from the rest state of the moment."""
+        super().start()
+        self._rest_state = self._present_rest_state()
+
+    def _present_rest_state(self) -> dict[str, np.ndarray]:
+        return {name: self._state[name].numpy().copy() for name in REST_STATE if name in self._state}
+
+    def _advance(self, duration: float) -> int:
+        before, after, start = self._rest_state, self._present_rest_state(), self._positions()
+        steps, done, size = 0, 0.0, 1.0
+        try:
+            while done < 1.0:
+                part = done + size
+                if part < 1.0 or steps > 0:
+                    for name, values in after.items():
+                        self._state.upload(name, before[name] + part * (values - before[name]))
+                try:
+                    self._rest()
+                except NotConverged:
+                    if size <= 0.5**MOST_HALVINGS:
+                        raise
+                    size *= 0.5
+                    self.retries += 1
+                    self.newton.forget()
+                    continue
+                done = part
+                steps += 1
+                self.substeps += 1
+        finally:
+            for name, values in after.items():
+                self._state.upload(name, values)
+        self._rest_state = after
+        self._state.upload("velocity", (self._positions() - start) / duration)
+        return steps
+
+
+def make_newton_motion(scene: Scene, leaf: Leaf, state: State, stage: PotentialMotion) -> NewtonMotion:
+    """The motion of a stage."""
+    kind = ImplicitEuler if isinstance(stage, ImplicitMotion) else Quasistatic
+    return kind(scene, leaf, state, stage)

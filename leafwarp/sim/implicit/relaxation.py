@@ -1,0 +1,92 @@
+"""The static equilibrium of a mesh: the minimum of its potential without inertia.
+
+Pseudo-transient continuation (Kelley and Keyes 1998): every Newton step is held back by an inertia about where it
+starts, which shrinks as steps succeed and grows as they fail. So a buckling sheet is followed downhill, not thrown,
+and near the equilibrium nothing is left of the inertia.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from leafwarp.sim.implicit import NotConverged
+from leafwarp.sim.implicit.newton import Accuracy, Newton
+from leafwarp.sim.implicit.potential import Evaluation
+from leafwarp.sim.launch import State
+
+MOST_STEPS = 400
+# The first step's inertia would let the mean force go this share of the length.
+FIRST_WAY = 0.05
+GAIN = 0.1
+FIRST_LOSS = 1e-3
+LOSS = 4.0
+# Shares of a step that count as success and as failure.
+GOOD, BAD = 0.9, 0.3
+# Inertia that no longer matters, over the first one; and that of a mesh that nothing holds.
+NEGLIGIBLE = 1e-9
+MOST_FAILURES = 8
+
+
+def relax(
+    newton: Newton,
+    state: State,
+    start: np.ndarray,
+    weights: np.ndarray,
+    length: float,
+    accuracy: Accuracy,
+    *,
+    is_held: bool = True,
+    each_step: Callable[[], None] | None = None,
+) -> Evaluation:
+    """Come to rest downhill from positions.
+
+    Args:
+        newton: Newton's method on the potential, whose loads and springs are set.
+        state: The arrays of the potential; its inertia and goal are set here.
+        start: Positions [m], shape [vertex_count, 3].
+        weights: What the inertia is proportional to, shape [vertex_count]; its scale does not matter.
+        length: Size of the mesh [m].
+        accuracy: When it counts as at rest.
+        is_held: Whether a vertex is held, so that no inertia need be left.
+        each_step: Called after every step.
+
+    Raises:
+        NotConverged: No equilibrium was found.
+    """
+    weights = weights / weights.mean()
+    state.upload("goal", start)
+    state.upload("inertia", np.zeros(len(weights)))
+    here = newton.start(start)
+    first = max(np.abs(here.gradient).mean(), 1e-9 * here.mean_force) / (FIRST_WAY * length)
+    rate = least = 0.0 if is_held else NEGLIGIBLE * first
+    failures, way = 0, np.inf
+    for _ in range(MOST_STEPS):
+        state.upload("inertia", rate * weights)
+        newton.inertia_changed()
+        try:
+            way, share, after = newton.step(here)
+        except NotConverged:
+            failures += 1
+            if failures > MOST_FAILURES:
+                raise
+            rate = max(100.0 * rate, FIRST_LOSS * first)
+            continue
+        if each_step is not None:
+            each_step()
+        state.upload("goal", after.positions)
+        state.upload("inertia", np.zeros(len(weights)))
+        here = newton.start(after.positions)
+        balanced = newton.is_balanced(here, accuracy)
+        # Of the whole step: where rounding rules, a part of it may be as low.
+        if balanced and rate <= least and way <= share * accuracy.step * length:
+            return here
+        if share >= GOOD or balanced:
+            rate = GAIN * rate if rate > NEGLIGIBLE * first else least
+        elif share <= BAD:
+            rate = max(LOSS * rate, FIRST_LOSS * first)
+    raise NotConverged(
+        f"after {MOST_STEPS} steps toward equilibrium a force of {here.residual:.3g} N is left on a vertex, where the "
+        f"mean of the forces on one is {here.mean_force:.3g} N, and the last step went {way:.3g} m"
+    )
