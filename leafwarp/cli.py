@@ -10,9 +10,12 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from leafwarp.errors import InputError, LeafwarpError
+
+if TYPE_CHECKING:
+    from leafwarp.scene import Scene
 
 
 class _Parser(argparse.ArgumentParser):
@@ -92,6 +95,14 @@ def make_parser() -> argparse.ArgumentParser:
     tradeoff.add_argument("--json", action="store_true", help="print the table as JSON instead of its path")
     tradeoff.set_defaults(action=_tradeoff)
 
+    verify = verbs.add_parser("verify", help="run cases with known answers on this machine and print a table")
+    verify.add_argument("case", nargs="*", help="names of cases (default: all)")
+    verify.add_argument("--device", default="cpu", help="Warp device: cpu (default), cuda:0, ...")
+    verify.add_argument("--plot", type=Path, metavar="DIR", help="also draw convergence and curves into a folder")
+    verify.add_argument("--json", action="store_true", help="print JSON instead of the table")
+    verify.add_argument("-q", "--quiet", action="store_true", help="no progress")
+    verify.set_defaults(action=_verify)
+
     new = verbs.add_parser("new", help="write a commented scene for a photo, and a picture of what was found in it")
     new.add_argument("photo", type=Path, help="photo of a leaf")
     new.add_argument(
@@ -122,11 +133,20 @@ def _arriving_signals() -> Iterator[list[int]]:
             signal.signal(number, handler)
 
 
-def _run(arguments: argparse.Namespace) -> None:
-    from leafwarp.run import output_paths, run_scene
+def _load_scene(arguments: argparse.Namespace) -> Scene:
+    """The scene that is asked for; stderr tells what is unusual in it."""
     from leafwarp.scene.file import load_scene
 
     scene = load_scene(arguments.scene, arguments.set)
+    for warning in scene.warnings:
+        print(f"leafwarp: warning: {one_line(warning)}", file=sys.stderr)
+    return scene
+
+
+def _run(arguments: argparse.Namespace) -> None:
+    from leafwarp.run import output_paths, run_scene
+
+    scene = _load_scene(arguments)
     first, last = arguments.frames or (1, scene.time.frames)
     if last > scene.time.frames:
         raise InputError(f"--frames {first}:{last}: the scene has {scene.time.frames} frames (time.frames)")
@@ -163,9 +183,8 @@ def _warn(notes: Sequence[str]) -> None:
 
 def _plan(arguments: argparse.Namespace) -> None:
     from leafwarp.plan_report import plan_report, print_plan
-    from leafwarp.scene.file import load_scene
 
-    report = plan_report(load_scene(arguments.scene, arguments.set), arguments.device)
+    report = plan_report(_load_scene(arguments), arguments.device)
     if arguments.json:
         print(json.dumps(report))
     else:
@@ -173,11 +192,10 @@ def _plan(arguments: argparse.Namespace) -> None:
 
 
 def _tradeoff(arguments: argparse.Namespace) -> None:
-    from leafwarp.scene.file import load_scene
     from leafwarp.study.tradeoff import run_tradeoff
 
     table = run_tradeoff(
-        load_scene(arguments.scene, arguments.set),
+        _load_scene(arguments),
         arguments.output,
         device=arguments.device,
         overwrite=arguments.overwrite,
@@ -185,6 +203,15 @@ def _tradeoff(arguments: argparse.Namespace) -> None:
         budget=arguments.budget,
     )
     print(json.dumps(table) if arguments.json else arguments.output / "tradeoff.csv")
+
+
+def _verify(arguments: argparse.Namespace) -> int:
+    from leafwarp.study.verify.table import as_data, as_text
+    from leafwarp.study.verify.verification import run_verification
+
+    results = run_verification(arguments.case, arguments.device, plots=arguments.plot, quiet=arguments.quiet)
+    print(json.dumps({"cases": as_data(results)}, allow_nan=False) if arguments.json else as_text(results))
+    return 0 if all(result.passed for result in results) else 1
 
 
 def _new(arguments: argparse.Namespace) -> None:
@@ -210,7 +237,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except SystemExit as leaving:  # argparse has printed help or a one-line error.
         return int(leaving.code or 0)
     try:
-        parsed.action(parsed)
+        code = parsed.action(parsed)
         sys.stdout.flush()
     except LeafwarpError as error:
         print(f"leafwarp: {one_line(error)}", file=sys.stderr)
@@ -224,4 +251,4 @@ def main(arguments: Sequence[str] | None = None) -> int:
             print(f"leafwarp: {error.filename or 'stdout'}: {error.strerror}", file=sys.stderr)
         sys.stdout = open(os.devnull, "w")  # the flush at exit has somewhere to go
         return 1
-    return 0
+    return code or 0

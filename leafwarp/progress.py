@@ -1,4 +1,4 @@
-"""Progress on stderr: a bar on a terminal, else one flushed line a frame."""
+"""Progress on stderr: a bar on a terminal, else one flushed line a frame (or whatever is counted)."""
 
 from __future__ import annotations
 
@@ -14,10 +14,12 @@ class Progress:
         total: Number of frames.
         level: -1 for silence, 0 or more for progress.
         stream: Where to write.
+        unit: What is counted.
     """
 
-    def __init__(self, total: int, level: int = 0, stream: TextIO | None = None):
+    def __init__(self, total: int, level: int = 0, stream: TextIO | None = None, unit: str = "frame"):
         self._total = total
+        self._unit = unit
         self._stream = stream or sys.stderr
         self._begin = time.perf_counter()
         self._done = 0
@@ -26,7 +28,7 @@ class Progress:
         if not self._quiet and self._stream.isatty():
             from tqdm import tqdm
 
-            self._bar = tqdm(total=total, unit="frame", file=self._stream)
+            self._bar = tqdm(total=total, unit=unit, file=self._stream)
 
     def step(self, frame: int, seconds: float) -> None:
         """Say that a frame is done, and how long it took [s]."""
@@ -41,7 +43,7 @@ class Progress:
     def _print_line(self, frame: int, seconds: float) -> None:
         left = (self._total - self._done) * (time.perf_counter() - self._begin) / self._done
         share = 100 * self._done // self._total
-        line = f"frame {frame}/{self._total} {share}% {seconds:.2f} s eta {left:.0f} s"
+        line = f"{self._unit} {frame}/{self._total} {share}% {seconds:.2f} s eta {left:.0f} s"
         try:
             print(line, file=self._stream, flush=True)
         except (OSError, ValueError):

@@ -1,8 +1,6 @@
-"""Diffusion line by line: against LAPACK, rational numbers and exact modes, and bounded at any beta."""
+"""Diffusion line by line: against LAPACK and exact modes, and bounded at any beta."""
 
 from __future__ import annotations
-
-from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -49,33 +47,6 @@ def test_each_line_agrees_with_lapack(shape: tuple[int, int], device: str, preci
     expected = np.array([banded_line(beta[:-1], old) for beta, old in zip(faces.x, water, strict=True)])
     expected = np.array([banded_line(beta[:-1], old) for beta, old in zip(faces.y.T, expected.T, strict=True)]).T
     assert sample.step("split_diffusion") == pytest.approx(expected, abs=2.0 * ROUNDING[precision])
-
-
-def exact_line(beta: list[Fraction], old: list[Fraction]) -> list[float]:
-    """One line by the textbook elimination in rational numbers."""
-    count = len(old)
-    diagonal = [1 + (beta[i - 1] if i else 0) + (beta[i] if i < count - 1 else 0) for i in range(count)]
-    content = list(old)
-    for i in range(1, count):
-        factor = -beta[i - 1] / diagonal[i - 1]
-        diagonal[i] += factor * beta[i - 1]
-        content[i] -= factor * content[i - 1]
-    content[-1] /= diagonal[-1]
-    for i in reversed(range(count - 1)):
-        content[i] = (content[i] + beta[i] * content[i + 1]) / diagonal[i]
-    return [float(value) for value in content]
-
-
-@pytest.mark.parametrize("decades", [(-3.0, 3.0), (-12.0, 12.0), (11.0, 12.0)])
-def test_a_line_is_exact_at_any_beta(decades: tuple, device: str, precision: str) -> None:
-    rng = np.random.default_rng(6)
-    diffusivity = random_diffusivity(rng, (1, 40), decades)
-    water = rng.random((1, 40)).astype(np.float32)
-    mask = np.ones((1, 40), bool)
-    sample = diffusion_sample(diffusivity, mask, water, device=device, precision=precision)
-    beta = [Fraction(float(value)) for value in sample.state["conductance_x"].numpy()[0, :-1]]
-    expected = exact_line(beta, [Fraction(float(value)) for value in water[0]])
-    assert sample.step("split_diffusion")[0] == pytest.approx(expected, abs=ROUNDING[precision])
 
 
 def test_faces_take_the_mean_of_two_cells_and_close_at_the_margin() -> None:

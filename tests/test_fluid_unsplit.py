@@ -19,6 +19,7 @@ from fluid_sample import (
 )
 from leafwarp.errors import SimulationError
 from leafwarp.sim.fluid import unsplit
+from leafwarp.study.verify.water import front
 
 NAME = "unsplit_diffusion"
 TOLERANCE = 1e-5
@@ -150,31 +151,6 @@ def test_looking_at_the_residual_less_often_changes_nothing(device: str, precisi
     assert 0 < iterations < 200
 
 
-def front(angle: float, beta: float, steps: int, scheme: str, device: str) -> tuple[float, float]:
-    """Content at the middle of a straight vein with a wet foot: by the scheme, and by a direct solve."""
-    count, width = 64, 3.0
-    centre = np.arange(count) - (count - 1) / 2
-    direction = np.cos(np.radians(angle)), np.sin(np.radians(angle))
-    along = direction[0] * centre[None, :] + direction[1] * centre[:, None]
-    across = -direction[1] * centre[None, :] + direction[0] * centre[:, None]
-    vein = np.clip(width / 2 + 0.5 - np.abs(across), 0.0, 1.0)
-    diffusivity = vein + 1e-3 * (1.0 - vein)
-    mask = np.ones(vein.shape, bool)
-    foot = along < -20.0
-    middle = np.unravel_index(np.argmin(np.abs(along) + np.abs(across)), vein.shape)
-    sample = diffusion_sample(diffusivity, mask, 0.0 * vein, scheme, step=beta, device=device)
-    x, y = exchange_matrices(diffusivity, mask, beta)
-    solve = splu((sparse.identity(mask.size) + x + y).tocsc()).solve
-    water, expected = sample.water, np.zeros(mask.size)
-    for _ in range(steps):
-        water[foot] = 1.0
-        expected[foot.ravel()] = 1.0
-        sample.set_water(water)
-        water = sample.step(stage_name(scheme))
-        expected = solve(expected)
-    return water[middle], expected.reshape(mask.shape)[middle]
-
-
 # Plant time is the same in each: beta * steps = 2500. Splitting holds back what flows along a vein that is
 # not parallel to the lines; the shares are what is measured, with a margin of a tenth.
 @pytest.mark.parametrize(
@@ -196,15 +172,6 @@ def test_splitting_holds_water_back_in_a_slanting_vein(
     split, expected = front(angle, beta, steps, "split", device)
     assert expected > 0.35
     assert least <= split / expected <= most
-
-
-@pytest.mark.parametrize("angle", [0.0, 30.0, 45.0])
-@pytest.mark.parametrize("beta", [625.0, 39.0625])
-@by_either_solver
-def test_the_unsplit_front_is_exact_at_every_angle(scheme: str, angle: float, beta: float, device: str) -> None:
-    unsplit_content, expected = front(angle, beta, 4, scheme, device)
-    assert expected > 0.01
-    assert unsplit_content == pytest.approx(expected, abs=1e-7)
 
 
 @by_either_solver
