@@ -31,7 +31,7 @@ def source(count: int, time: float) -> np.ndarray:
     return 0.25 * np.exp(-time) * (-mode - flow)
 
 
-def march(scheme: str, count: int, steps: int) -> np.ndarray:
+def march(scheme: str, count: int, steps: int, device: str) -> np.ndarray:
     bump = cosines(count)[3]
     step = END / steps
     sample: Sample = diffusion_sample(
@@ -41,6 +41,7 @@ def march(scheme: str, count: int, steps: int) -> np.ndarray:
         scheme,
         step=step,
         size=(1.0, 1.0),
+        device=device,
         fluid={"tolerance": 1e-6},
     )
     for index in range(steps):
@@ -54,18 +55,18 @@ def order(errors: list[float]) -> float:
 
 
 @pytest.mark.parametrize("scheme", SCHEMES)
-def test_first_order_in_the_step(scheme: str) -> None:
+def test_first_order_in_the_step(scheme: str, device: str) -> None:
     count = 16
-    fine = 2.0 * march(scheme, count, 320) - march(scheme, count, 160)
-    errors = [float(np.sqrt(np.mean((march(scheme, count, steps) - fine) ** 2))) for steps in (20, 40, 80)]
+    fine = 2.0 * march(scheme, count, 320, device) - march(scheme, count, 160, device)
+    errors = [float(np.sqrt(np.mean((march(scheme, count, steps, device) - fine) ** 2))) for steps in (20, 40, 80)]
     assert order(errors) == pytest.approx(1.0, abs=0.1)
 
 
 @pytest.mark.parametrize(("scheme", "steps"), [("split", 160), ("unsplit", 40), ("iterated", 40)])
-def test_second_order_in_the_cell(scheme: str, steps: int) -> None:
+def test_second_order_in_the_cell(scheme: str, steps: int, device: str) -> None:
     errors = []
     for count in (8, 16, 32):
         # Two steps extrapolated to none leave the error of the cells.
-        settled = 2.0 * march(scheme, count, steps) - march(scheme, count, steps // 2)
+        settled = 2.0 * march(scheme, count, steps, device) - march(scheme, count, steps // 2, device)
         errors.append(float(np.sqrt(np.mean((settled - exact(count, END)) ** 2))))
     assert order(errors) == pytest.approx(2.0, abs=0.1)
