@@ -10,6 +10,7 @@ import pytest
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--device", action="append", default=[], help="Warp device to test on; repeatable (default: cpu)")
     parser.addoption("--debug-kernels", action="store_true", help="compile kernels with bounds checks")
+    parser.addoption("--like-gpu", action="store_true", help="on the CPU: round and hand out arrays as a GPU does")
 
 
 def pytest_configure(config: pytest.Config) -> None:
@@ -18,6 +19,23 @@ def pytest_configure(config: pytest.Config) -> None:
     wp.config.quiet = True
     if config.getoption("--debug-kernels"):
         wp.config.mode = "debug"
+    if config.getoption("--like-gpu"):
+        _act_like_a_gpu()
+
+
+def _act_like_a_gpu() -> None:
+    """Fuse multiplications with additions as CUDA's compiler does, and let what is read from an array be a copy."""
+    import warp as wp
+
+    wp.config.cpu_compiler_flags += " -ffp-contract=fast"
+    read = wp.array.numpy
+
+    def copied(array: wp.array, **options):
+        values = read(array, **options).copy()
+        values.flags.writeable = False
+        return values
+
+    wp.array.numpy = copied
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

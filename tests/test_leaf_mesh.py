@@ -11,7 +11,7 @@ from leafwarp.leaf.leaf import LeafMesh
 from leafwarp.leaf.mesh.boundary import boundary_loops
 from leafwarp.leaf.mesh.quality import mesh_quality
 from leafwarp.leaf.mesh.topology import boundary_edges, check_topology, mesh_from_triangles
-from leafwarp.leaf.mesh.triangulate import fill_leaf, triangulate
+from leafwarp.leaf.mesh.triangulate import fill_leaf
 from leafwarp.leaf.segment.silhouette import Silhouette
 from leafwarp.leaf.shape.outline import trace
 
@@ -33,7 +33,7 @@ def signed_area(a: np.ndarray, b: np.ndarray, c: np.ndarray) -> np.ndarray:
 
 @pytest.fixture(scope="module")
 def serrated() -> LeafMesh:
-    return triangulate(*leaf_outline(teeth=40, depth=0.06), 1707)
+    return fill_leaf(*leaf_outline(teeth=40, depth=0.06), 1707).mesh
 
 
 @pytest.mark.parametrize(
@@ -48,7 +48,7 @@ def serrated() -> LeafMesh:
 )
 def test_counts_and_quality(shape: dict, vertices: int) -> None:
     outline, tip = leaf_outline(**shape)
-    mesh = triangulate(outline, tip, vertices)
+    mesh = fill_leaf(outline, tip, vertices).mesh
     check_topology(mesh)
     quality = mesh_quality(mesh)
     assert 0 <= mesh.vertex_count - vertices <= max(0.01 * vertices, 1)
@@ -96,7 +96,7 @@ def test_every_hinge_follows_its_first_triangle(serrated: LeafMesh) -> None:
 
 def test_same_input_same_mesh() -> None:
     outline, tip = leaf_outline(teeth=40, depth=0.06)
-    one, two = triangulate(outline, tip, 400), triangulate(outline, tip, 400)
+    one, two = fill_leaf(outline, tip, 400).mesh, fill_leaf(outline, tip, 400).mesh
     np.testing.assert_array_equal(one.positions, two.positions)
     np.testing.assert_array_equal(one.hinges, two.hinges)
 
@@ -104,7 +104,7 @@ def test_same_input_same_mesh() -> None:
 def test_mesh_scales_with_the_leaf() -> None:
     outline, tip = leaf_outline()
     # A power of two scales every number without rounding, so that no choice of the mesher may differ.
-    small, large = triangulate(outline, tip, 200), triangulate(outline * 1024.0, tip * 1024.0, 200)
+    small, large = (fill_leaf(outline * scale, tip * scale, 200).mesh for scale in (1.0, 1024.0))
     np.testing.assert_allclose(large.positions, 1024.0 * small.positions, rtol=0.0, atol=1e-9 * 1024.0)
     np.testing.assert_array_equal(large.triangles, small.triangles)
 
@@ -112,7 +112,7 @@ def test_mesh_scales_with_the_leaf() -> None:
 def test_thin_petiole_is_widened_to_a_strip() -> None:
     """At 150 vertices an edge is as long as 1.6 petiole widths."""
     outline, tip = leaf_outline()
-    mesh = triangulate(outline, tip, 150)
+    mesh = fill_leaf(outline, tip, 150).mesh
     assert mesh_quality(mesh).minimum_angle > 20.0
     assert np.count_nonzero(mesh.positions[:, 1] < 0.018) >= 5  # [m] the petiole is 0.022 m long
 
@@ -128,7 +128,18 @@ def test_teeth_stay_corners() -> None:
 
 def test_count_out_of_range_is_refused() -> None:
     with pytest.raises(InputError, match="vertices: value 3 is not accepted"):
-        triangulate(*leaf_outline(), 3)
+        fill_leaf(*leaf_outline(), 3)
+
+
+def test_a_mesh_much_wider_than_its_leaf_is_refused() -> None:
+    """A strip is widened to where triangles of the size asked for can stand; another leaf, then."""
+    height = np.linspace(0.0, 0.1, 300)
+    strip = np.concatenate([np.column_stack([np.full(300, side * 0.0005), height])[::side] for side in (1, -1)])
+    outline = strip - strip[np.argmin(np.hypot(*strip.T))]
+    with pytest.raises(InputError, match=r"vertices: value 40 is too few .* \d\.\d times its area; accepted: more"):
+        fill_leaf(outline, outline[np.argmax(outline[:, 1])], 40)
+    mesh = fill_leaf(outline, outline[np.argmax(outline[:, 1])], 1500).mesh
+    assert mesh.vertex_areas.sum() == pytest.approx(polygon_area(outline), rel=0.03)
 
 
 def test_single_and_double_triangle() -> None:
@@ -239,7 +250,7 @@ def test_a_bay_with_a_narrow_mouth_is_closed_and_no_hole() -> None:
     before, after = disc[mouth & (angle < 0.5 * np.pi)], disc[mouth & (angle > 0.5 * np.pi)]
     outline = np.concatenate([before, bay[::-1], after])
     for vertices in (300, 900):
-        mesh = triangulate(outline, np.array([0.04, 0.08]), vertices)
+        mesh = fill_leaf(outline, np.array([0.04, 0.08]), vertices).mesh
         check_topology(mesh)
         assert mesh.vertex_areas.sum() == pytest.approx(np.pi * 0.05**2, rel=0.04)
 

@@ -9,10 +9,13 @@ import cv2
 import numpy as np
 import pytest
 
+from leaf_forms import draw, simple, with_stalk
 from leaf_photos import BACKGROUNDS, OTHER_THINGS, LeafPhoto, leaf_photo, other_thing
 from leafwarp.errors import InputError
 from leafwarp.leaf.image.photo import Photo
+from leafwarp.leaf.segment.background import Background
 from leafwarp.leaf.segment.refine import cleaned
+from leafwarp.leaf.segment.shadow import without_shadow
 from leafwarp.leaf.segment.silhouette import LEAST_CONFIDENCE, Silhouette, silhouette
 
 LEAST_AGREEMENT = 0.97  # of leaf and truth: half a pixel along a serrated margin of these small pictures is 1-2 %
@@ -282,3 +285,87 @@ def test_a_thread_at_the_margin_is_no_second_petiole() -> None:
     assert_found(shape, truth)
     near = cv2.dilate(truth.leaf.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
     assert not (shape.inside & ~near).any()
+
+
+def test_thin_tips_of_pinnae_are_kept() -> None:
+    """They are narrower than what the first look at half the size can show."""
+    leaf = np.zeros((2000, 1800), np.uint8)  # at twice the picture's size
+    cv2.line(leaf, (900, 1900), (900, 120), 255, 18)
+    for height in range(240, 1500, 75):
+        for side in (-1, 1):
+            tip = (900 + side * 600, height - 120)
+            cv2.fillPoly(
+                leaf,
+                [np.array([(900, height - 24), (tip[0], tip[1] - 3), (tip[0], tip[1] + 3), (900, height + 24)])],
+                255,
+            )
+    cover = cv2.resize(leaf, (900, 1000), interpolation=cv2.INTER_AREA)[..., None] / 255.0
+    grain = np.random.default_rng(3).normal(0.0, 2.0, (1000, 900, 1))
+    picture = (244, 243, 238) * (1.0 - cover) + (70, 125, 50) * cover + grain
+    shape = find(np.clip(picture, 0, 255).astype(np.uint8))
+    truth = cover[..., 0] > 0.5
+    assert shape.inside.shape == truth.shape
+    for half in (np.s_[:, :450], np.s_[:, 450:]):
+        rows, columns = np.nonzero(truth[half])
+        off_axis = np.abs(columns - (449 if half[1].start is None else 0))
+        outer = off_axis > 0.75 * off_axis.max()  # the last quarter of the pinnae
+        assert np.count_nonzero(shape.inside[half][rows[outer], columns[outer]]) > 0.9 * np.count_nonzero(outer)
+    # The axils of the pinnae, half a degree wide at their ends, are rounded.
+    assert agreement(shape.inside, truth) > 0.93
+
+
+@pytest.mark.parametrize("colour", [(35, 35, 40), (120, 85, 60)])
+@pytest.mark.parametrize("inner", [-2.0, -65.0, -250.0])
+def test_a_thread_on_a_blade_without_a_petiole_is_none(inner: float, colour: tuple[int, int, int]) -> None:
+    """It begins at the margin, on the blade, or on its other side, off the midrib; a petiole as thin is kept."""
+    drawn = draw(simple(teeth=14, pairs=9), 40.0, pixels=260.0)
+    pad = 80
+    picture = cv2.copyMakeBorder(drawn.picture, pad, pad, pad, pad, cv2.BORDER_REPLICATE)
+    leaf = np.pad(drawn.cover > 0.5, pad)
+    middle = np.argwhere(leaf).mean(axis=0)[::-1]
+    way = np.array([np.cos(0.6), np.sin(0.6)])
+    reach = next(r for r in range(1000) if not leaf[tuple((middle + r * way)[::-1].astype(int))])
+    ends = [np.rint(16.0 * (middle + (reach + off) * way)).astype(int).tolist() for off in (inner, 80.0)]
+    cv2.line(picture, *ends, colour, 1, cv2.LINE_AA, 4)
+    shape = find(cv2.GaussianBlur(picture, (0, 0), 0.6))
+    near = cv2.dilate(leaf.astype(np.uint8), np.ones((11, 11), np.uint8)) > 0
+    assert agreement(shape.inside, leaf) >= LEAST_AGREEMENT
+    assert not (shape.inside & ~near).any()
+
+
+def test_a_petiole_as_thin_as_a_thread_is_kept() -> None:
+    drawn = draw(with_stalk(simple(teeth=14, pairs=9), 0.3, 0.008), 40.0, pixels=260.0)
+    leaf = drawn.cover > 0.5
+    shape = find(drawn.picture)
+    assert agreement(shape.inside, leaf) >= LEAST_AGREEMENT
+    assert np.linalg.norm(np.argwhere(shape.inside) - drawn.base[::-1], axis=1).min() < 4.0
+
+
+def test_a_hole_over_deep_shadow_is_found_and_a_dark_spot_is_none() -> None:
+    picture = np.full((300, 300, 3), (150, 150, 165), np.float32)
+    truth = np.zeros((300, 300), np.uint8)
+    cv2.ellipse(picture, (150, 150), (100, 120), 0, 0, 360, (110, 150, 70), -1)
+    cv2.ellipse(truth, (110, 130), (20, 14), 0, 0, 360, 1, -1)
+    picture[truth > 0] = (22, 20, 12)
+    sunlit = truth * np.uint8(0)
+    cv2.circle(sunlit, (126, 130), 7, 1, -1)
+    picture[(sunlit & truth) > 0] = (170, 172, 184)
+    cv2.circle(picture, (190, 170), 16, (38, 30, 20), -1)  # dead tissue through which no background shows
+    picture = cv2.GaussianBlur(picture, (0, 0), 0.7) + np.random.default_rng(1).normal(0.0, 3.0, (300, 300, 1))
+    shape = find(np.clip(picture, 0, 255).astype(np.uint8))
+    assert shape.holes is not None
+    assert agreement(shape.holes, truth > 0) > 0.8  # a pixel around it is 10 %
+
+
+def test_a_dark_lesion_at_the_margin_is_no_shadow() -> None:
+    inside = np.zeros((500, 500), bool)
+    inside[100:400, 100:400] = True
+    lab = np.zeros((500, 500, 3), np.float32)
+    lab[:] = (75.0, 2.0, -4.0)
+    lab[inside] = (55.0, -20.0, 35.0)
+    shadow, lesion = np.zeros_like(inside), np.zeros_like(inside)
+    shadow[380:400, 100:400] = True
+    lesion[200:204, 100:118] = True
+    lab[shadow | lesion] = (15.0, 2.0, 5.0)
+    lit = without_shadow(lab, inside, Background(np.array([[75.0, 2.0, -4.0]], np.float32), 3.0, 1.0))
+    assert lit[lesion].all() and not lit[shadow].any()

@@ -51,7 +51,7 @@ def test_bramble_has_the_papers_mesh_and_map(scene_leaf) -> None:
 
 
 @pytest.mark.parametrize("size", [(128, 128), (256, 256), (512, 512), (1024, 1024), (96, 160), (7, 300)])
-def test_any_map_size_carries_the_same_water(size: tuple[int, int], scene_leaf) -> None:
+def test_any_map_size_carries_the_same_water(size: tuple[int, int], scene_leaf, device: str) -> None:
     """The map's size is independent of image and mesh; what the leaf loses does not depend on it."""
     scene = shipped("still", maps__size=list(size)).model_dump(exclude_unset=True)
     del scene["water"]
@@ -60,17 +60,17 @@ def test_any_map_size_carries_the_same_water(size: tuple[int, int], scene_leaf) 
     scene = Scene.model_validate(scene)
     leaf = scene_leaf(scene)
     assert leaf.mask.shape == size[::-1]
-    simulation = Simulation(scene, leaf)
+    simulation = Simulation(scene, leaf, device)
     simulation.fluid.advance(3600.0)
     ledger = simulation.fluid.ledger()
     assert ledger.transpired == pytest.approx(2e-5 * 3600.0, rel=1e-4)  # the mean rate is what the scene says
     assert abs(ledger.error) < 1e-6
 
 
-def test_still_shrinks_to_the_scaled_leaf(scene_leaf) -> None:
+def test_still_shrinks_to_the_scaled_leaf(scene_leaf, device: str) -> None:
     scene = shipped("still")
     leaf = scene_leaf(scene)
-    *_, last = Simulation(scene, leaf).frames()
+    *_, last = Simulation(scene, leaf, device).frames()
     # At 0.2 water every length has lost 15 %. Pins hold a patch of the full size, which leaves some strain near it.
     flat = leaf.mesh.positions
     span = np.ptp(last.points[:, :2], axis=0) / np.ptp(flat, axis=0)
@@ -78,10 +78,10 @@ def test_still_shrinks_to_the_scaled_leaf(scene_leaf) -> None:
     assert np.abs(last.points[:, 2]).max() == 0.0  # nothing pushes a flat leaf out of its plane
 
 
-def test_cut_leaf_dries_from_its_tips_and_margin(scene_leaf) -> None:
+def test_cut_leaf_dries_from_its_tips_and_margin(scene_leaf, device: str) -> None:
     scene = shipped("cut")
     leaf = scene_leaf(scene)
-    simulation = Simulation(scene, leaf)
+    simulation = Simulation(scene, leaf, device)
     added = []
     for hour in (4, 8, 12):
         simulation.fluid.advance(3600.0 * hour)
@@ -103,10 +103,10 @@ def test_cut_leaf_dries_from_its_tips_and_margin(scene_leaf) -> None:
     assert water[leaf.mask][veins].mean() > water[leaf.mask][~veins].mean()
 
 
-def test_blade_droops_as_it_wilts(scene_leaf) -> None:
+def test_blade_droops_as_it_wilts(scene_leaf, device: str) -> None:
     scene = shipped("blade", time__frames=120, time__duration="6 h", mesh__vertices=120)
     leaf = scene_leaf(scene)
-    simulation = Simulation(scene, leaf)
+    simulation = Simulation(scene, leaf, device)
     tip = int(np.argmax(np.hypot(*leaf.mesh.positions.T)))
     heights = [float(frame.points[tip, 2]) for frame in simulation.frames()]
     assert simulation.settled is not None and simulation.settled.settled
@@ -116,23 +116,25 @@ def test_blade_droops_as_it_wilts(scene_leaf) -> None:
     assert heights[-1] < heights[0] - 0.1 * leaf.length
 
 
-def test_paper_bending_reports_the_angular_momentum_it_loses(scene_leaf) -> None:
+def test_paper_bending_reports_the_angular_momentum_it_loses(scene_leaf, device: str) -> None:
     lost = {}
     for bending in ("gradient", "paper"):
         scene = shipped("bramble", time__frames=4, mesh__vertices=200, maps__size=48, structure__bending=bending)
-        simulation = Simulation(scene, scene_leaf(scene))
+        simulation = Simulation(scene, scene_leaf(scene), device)
         list(simulation.frames())
         lost[bending] = simulation.motion.unbalanced_torque
     assert lost["gradient"] is None
     assert lost["paper"] > 0.0
 
 
-def test_more_frames_see_the_same_water_and_settle_to_the_same_shape(small_scene: Path, scene_leaf) -> None:
+def test_more_frames_see_the_same_water_and_settle_to_the_same_shape(
+    small_scene: Path, scene_leaf, device: str
+) -> None:
     scene = load_scene(small_scene)
     leaf = scene_leaf(scene)
     maps, shapes = {}, {}
     for frames in (13, 25):
-        simulation = Simulation(scene.with_changes({"time.frames": frames}), leaf)
+        simulation = Simulation(scene.with_changes({"time.frames": frames}), leaf, device)
         maps[frames] = []
         for frame in simulation.frames():
             maps[frames].append((frame.plant_time, simulation.state["water_now"].numpy().copy()))

@@ -178,7 +178,8 @@ def update_solution(
         step_length = type(residual)(solver[STEP_LENGTH])
         residual -= step_length * image[row, column]
         residual_out[row, column] = residual
-        water_out[row, column] += step_length * direction[row, column]
+        # Not by +=, which is an atomic addition in every cell and drops subnormal numbers on a GPU.
+        water_out[row, column] = water_out[row, column] + step_length * direction[row, column]
         total += wp.float64(residual) * wp.float64(residual)
     row_sum_out[0, row] = total
 

@@ -46,7 +46,7 @@ def _prepare(request: LeafRequest, picture: bytes) -> Leaf:
     from leafwarp.leaf.image.photo import read_grey, read_photo
     from leafwarp.leaf.maps.make import make_maps
     from leafwarp.leaf.maps.pixel_frame import PixelFrame
-    from leafwarp.leaf.mesh.triangulate import triangulate
+    from leafwarp.leaf.mesh.triangulate import fill_leaf
     from leafwarp.leaf.segment.silhouette import silhouette
     from leafwarp.leaf.shape.outline import find_outline
     from leafwarp.leaf.texture import make_texture
@@ -77,7 +77,7 @@ def _prepare(request: LeafRequest, picture: bytes) -> Leaf:
         texture = make_texture(photo, shape, outline, frame, request.texture_limit, cut_holes=fill_holes)
     with watch("mesh"):
         up = (pixel, -pixel)
-        mesh = triangulate(
+        filled = fill_leaf(
             (outline.points - outline.base) * up,
             (outline.tip - outline.base) * up,
             request.vertices,
@@ -88,7 +88,7 @@ def _prepare(request: LeafRequest, picture: bytes) -> Leaf:
         )
     corner = ((frame.left, frame.bottom) - outline.base) * up
     return Leaf(
-        mesh=mesh,
+        mesh=filled.mesh,
         frame=MapFrame(tuple(map(float, corner)), (frame.size[0] * pixel, frame.size[1] * pixel)),
         length=outline.length * pixel,
         texture=texture,

@@ -210,12 +210,13 @@ class _Response(Stage, ABC):
         start, gain = self.start_and_gain(state[samples].numpy(), _venation(state, self.points))
         curve = _upload_curve(state, name, self.curve())
         count = len(start)
-        # The start's response comes from the kernel's own arithmetic, so that no change is exactly none.
+        inputs = [samples, *curve, f"{name}_response_start", f"{name}_gain", f"{name}_start"]
+        # The start's response is what the kernel itself makes of it, with a gain of 1 and all else 0, so that no change
+        # is exactly none: a compiler may round the same curve differently in another kernel.
         state.upload(f"{name}_gain", np.ones(count))
-        state.record(respond_in_proportion, count, [samples, *curve, f"{name}_gain"], [f"{name}_response_start"]).run()
+        state.record(respond_to_change, count, inputs, [f"{name}_response_start"]).run()
         state.upload(f"{name}_gain", gain)
         state.upload(f"{name}_start", start)
-        inputs = [samples, *curve, f"{name}_response_start", f"{name}_gain", f"{name}_start"]
         if self.plastic_set > 0.0:
             inputs, outputs = [*inputs, state.real(self.plastic_set)], [f"{name}_peak", name]
             self.commands = [state.record(respond_with_set, count, inputs, outputs)]

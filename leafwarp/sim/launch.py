@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import weakref
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -140,7 +141,9 @@ class State:
         names = [self._name_of(argument) for argument in resolved]
         reads = tuple(name for name in names[: len(inputs)] if name is not None)
         writes = tuple(name for name in names[len(inputs) :] if name is not None)
-        command = Command(self, launch, f"{kernel.module.name}.{kernel.key}", reads, writes)
+        # The state holds its commands. If they held it, too, its arrays would stay until the garbage collector came by,
+        # which knows nothing of a GPU's memory.
+        command = Command(weakref.proxy(self), launch, f"{kernel.module.name}.{kernel.key}", reads, writes)
         self.recorded.append(command)
         return command
 
@@ -156,7 +159,7 @@ class Command:
     """A recorded launch, counted in its state when it runs.
 
     Attributes:
-        state: The state.
+        state: The state, which has to live as long as the command is run.
         launch: The launch.
         kernel_name: Module and name of the kernel.
         reads: Names of the arrays among its inputs.

@@ -47,8 +47,8 @@ class Simulation:
         self.settled: Settled | None = None
         self.plan: Plan = make_plan(scene, leaf)
         self.state = State(self.plan.arrays, device, scene.solver.precision)
-        on_gpu = self.state.device.is_cuda
-        self.watch = Stopwatch((lambda: wp.synchronize_device(self.state.device)) if on_gpu else None)
+        used = self.state.device  # not by self, or the watch would hold the simulation
+        self.watch = Stopwatch((lambda: wp.synchronize_device(used)) if used.is_cuda else None)
         with self.watch("start"):
             # The motion's stages fill in the photographed leaf before the coupling lets it follow the water.
             for group in ("fluid", "motion", "coupling", "output"):

@@ -1,6 +1,8 @@
 """Maps as pictures: read for the cells that they cover, and written so that reading them gives the same map.
 
-Either way a picture covers the whole photo, at any size in the photo's proportion, top row first.
+Either way a picture covers the whole photo, at any size in the photo's proportion, top row first. The borders of a
+map's cells run through its pixels, then. Such a pixel is written with the mean of the cells on it, from which, beside
+pixels that lie in one cell alone, the border's place is read again: a written map reads back to the picture's rounding.
 """
 
 from __future__ import annotations
@@ -17,7 +19,13 @@ from leafwarp.leaf.maps.pixel_frame import PixelFrame
 
 ASPECT_TOLERANCE = 0.02  # by which a picture's proportion may differ from the photo's, rounding aside
 PIXELS_A_CELL = 12.0  # of a written picture, where its size allows
-LARGEST_SIDE = 4096  # [pixels] of a written picture
+LARGEST_SIDE = 4096  # [pixels] of a written picture, but where its cells would have too few
+LEAST_PIXELS_A_CELL = 3.0  # at least two of them in a row lie in one cell alone, whatever its place
+LARGEST_SIDE_OF_ALL = 8192  # [pixels] for those
+WHITE = 65535  # of a written picture
+ROUNDING = 1.5 / WHITE  # of a pixel, and of the two beside it that its mean is compared with
+FLAT = 0.01  # two pixels that differ by less than this share of a step beside them are one ground
+BAND = 512  # rows of a written picture that are made at a time
 FAST = (16, 1)  # OpenCV's IMWRITE_PNG_COMPRESSION at its fastest: the pictures are all runs of one value
 SPILL = 3  # cells past the leaf that a written map keeps its values
 
@@ -55,7 +63,8 @@ def interval_means(values: np.ndarray, bounds: np.ndarray) -> np.ndarray:
     Exact for a linear ramp at any ratio of interval to pixel. Where intervals are finer than pixels, the samples are
     joined by straight lines. Else each sample is the mean of its pixel, with a slope within the pixel that does not
     pass its neighbours' values (the smaller of the differences to them, 0 at an extreme): steps stay sharp, and what
-    whole pixels hold is kept.
+    whole pixels hold is kept. A pixel between two flat grounds holds a step from the one to the other, where its mean
+    puts it (subcell resolution; Harten 1989).
 
     Args:
         values: Samples; sample k stands at k + 0.5, shape [count, ...].
@@ -82,7 +91,7 @@ def _integral_of_lines(values: np.ndarray, bounds: np.ndarray) -> np.ndarray:
 
 
 def _integral_of_pixels(values: np.ndarray, bounds: np.ndarray) -> np.ndarray:
-    """Integral from the first pixel's edge to each bound of pixels with limited slopes."""
+    """Integral from the first pixel's edge to each bound of pixels with limited slopes, or a step."""
     count = len(values)
     total = np.concatenate([np.zeros_like(values[:1]), np.cumsum(values, axis=0)])
     within = np.clip(bounds, 0.0, count)
@@ -93,13 +102,46 @@ def _integral_of_pixels(values: np.ndarray, bounds: np.ndarray) -> np.ndarray:
     behind = np.where((index == 0)[:, None], ahead, behind)  # a ramp goes on to the picture's edge
     ahead = np.where((index == count - 1)[:, None], behind, ahead)
     slope = np.where(behind * ahead > 0.0, np.where(np.abs(behind) < np.abs(ahead), behind, ahead), 0.0)
-    integral = total[index] + values[index] * part + 0.5 * slope * part * (part - 1.0)
+    first_part, lacking = _parts_of_steps(values, index, part, behind, ahead)
+    whole = total[index] + np.cumsum(lacking, axis=0) - lacking
+    integral = whole + np.where(
+        np.isnan(first_part), values[index] * part + 0.5 * slope * part * (part - 1.0), first_part
+    )
     beyond = bounds - within
     return (
         integral
         + np.where(beyond < 0.0, beyond, 0.0)[:, None] * values[:1]
         + np.maximum(beyond, 0.0)[:, None] * values[-1:]
     )
+
+
+def _parts_of_steps(
+    values: np.ndarray, index: np.ndarray, part: np.ndarray, behind: np.ndarray, ahead: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Integrals over the first part of pixels with a step between two flat grounds, not a number of other pixels.
+
+    A step that the picture's rounding cannot tell from one at the part's end is there: the pixel's mean is off by the
+    rounding then, and what it lacks is the second result (0 for other pixels).
+
+    Args:
+        values: Samples, shape [count, ...].
+        index: The pixels, shape [pixels].
+        part: Share of each that is its first part, shape [pixels, 1].
+        behind, ahead: Its difference from the sample before it, and that to the sample after it.
+    """
+    last = len(values) - 1
+    rise = behind + ahead
+    flat = FLAT * np.abs(rise)
+    grounds = np.broadcast_to(((index > 0) & (index < last) & (last > 2))[:, None], rise.shape)
+    for near, far in ((index - 1, index - 2), (index + 1, index + 2)):
+        near, far = np.clip(near, 0, last), np.clip(far, 0, last)
+        grounds = grounds & (np.abs(values[near] - values[far]) <= flat)
+    lacking = (1.0 - part) * rise - behind  # of what a step at the part's end has
+    there = grounds & (np.abs(lacking) <= ROUNDING)
+    step = there | (grounds & (behind * ahead > 0.0))
+    at = np.where(there, part, ahead / np.where(step & (rise != 0.0), rise, 1.0))
+    first_part = (values[index] - behind) * part + rise * np.maximum(part - at, 0.0)
+    return np.where(step, first_part, np.nan), np.where(there, lacking, 0.0)
 
 
 def write_maps(
@@ -113,7 +155,8 @@ def write_maps(
 ) -> list[Path]:
     """Write maps as 16-bit grey pictures ``STEM.NAME.png`` that a scene can name in their stead.
 
-    The source, whose weights have the sum 1, is written with 1 as its largest.
+    Reading them gives the values rounded to 16 bits, but for a map so fine on a photo so large that no picture of
+    bounded size has pixels enough. The source, whose weights have the sum 1, is written with 1 as its largest.
 
     Args:
         maps: Named maps in [0, 1], bottom row first, shape [ny, nx] each.
@@ -137,23 +180,31 @@ def write_maps(
     files = []
     for name, values in maps.items():
         shown = values / max(float(values.max()), 1e-300) if name == "source" else values
-        picture = _picture(shown, mask, frame, photo_size)
         path = Path(folder) / f"{stem}.{name}.png"
-        data = cv2.imencode(".png", np.rint(np.clip(picture, 0.0, 1.0) * 65535.0).astype(np.uint16), FAST)[1]
+        data = cv2.imencode(".png", _picture(np.clip(shown, 0.0, 1.0), mask, frame, photo_size), FAST)[1]
         write_bytes(path, data.tobytes())
         files.append(path)
     return files
 
 
 def _picture(values: np.ndarray, mask: np.ndarray, frame: PixelFrame, photo_size: tuple[int, int]) -> np.ndarray:
-    """A picture of the photo's frame, top row first: of each pixel, the mean of the map's cells on it."""
+    """A 16-bit picture of the photo's frame, top row first: of each pixel, the mean of the map's cells on it."""
+    from scipy.sparse import csr_array
+
     rows, columns = values.shape
     cell = min(frame.size[0] / columns, frame.size[1] / rows)
-    scale = min(PIXELS_A_CELL / cell, LARGEST_SIDE / max(photo_size))
-    width, height = (max(1, round(side * scale)) for side in photo_size)
-    down = _overlap(rows, frame.top, frame.bottom, photo_size[1], height)
-    across = _overlap(columns, frame.left, frame.right, photo_size[0], width)
-    return down @ _spilled(values, mask)[::-1] @ across.T
+    side = max(photo_size)
+    scale = min(PIXELS_A_CELL / cell, LARGEST_SIDE / side)
+    scale = max(scale, min(LEAST_PIXELS_A_CELL / cell, LARGEST_SIDE_OF_ALL / side))
+    width, height = (max(1, round(length * scale)) for length in photo_size)
+    down = csr_array(_overlap(rows, frame.top, frame.bottom, photo_size[1], height))
+    across = csr_array(_overlap(columns, frame.left, frame.right, photo_size[0], width).T)
+    # The cells are rounded before their means are: what lies in one cell has one value. Halves all go up.
+    cells = down @ np.rint(_spilled(values, mask) * WHITE)[::-1]
+    picture = np.empty((height, width), np.uint16)
+    for top in range(0, height, BAND):
+        picture[top : top + BAND] = np.rint(cells[top : top + BAND] @ across + 1e-6)
+    return picture
 
 
 def _overlap(cells: int, first: float, last: float, photo_side: int, pixels: int) -> np.ndarray:

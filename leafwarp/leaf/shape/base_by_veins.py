@@ -20,8 +20,9 @@ from leafwarp.leaf.shape.base_cues import (
     vein_signs,
 )
 from leafwarp.leaf.shape.curve import resample_closed
+from leafwarp.leaf.shape.pixel_graph import pixel_graph
 from leafwarp.leaf.shape.stalk import Stalk
-from leafwarp.leaf.shape.window import pixel_graph, window_around
+from leafwarp.leaf.shape.window import window_around
 
 AREA = 32_000  # [pixels] of the leaf in the window that lines are sought in: only the main veins matter
 COARSE_AREA = 6_000  # the same for the costs of carrying

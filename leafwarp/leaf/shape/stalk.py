@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leafwarp.leaf.shape.window import PixelGraph, Window, pixel_graph
+from leafwarp.leaf.shape.pixel_graph import PixelGraph, pixel_graph
+from leafwarp.leaf.shape.window import Window
 
 AREA = 70_000  # [pixels] of the leaf in the window to look in
 OPENINGS = (0.1, 0.16, 0.24, 0.34, 0.45)  # radii that vanish, as shares of the blade's inradius

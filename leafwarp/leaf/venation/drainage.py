@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from leafwarp.leaf.shape.window import pixel_graph
+from leafwarp.leaf.shape.pixel_graph import pixel_graph
 from leafwarp.leaf.venation.branch import Branch
 
 COST_FLOOR, COST_POWER = 0.03, 1.5

@@ -74,10 +74,7 @@ class FactoredDiffusion(Stage):
         return self._state[name].numpy().reshape(-1)[self.system.cells]
 
     def _solve(self) -> None:
-        water = self._state["water"]
-        on_host = water.numpy()
-        content = on_host.reshape(-1)[self.system.cells].astype(np.float64)
-        on_host.reshape(-1)[self.system.cells] = self.system.step(content, self.scene.residual_tolerance)
-        # On the CPU the host's array is the simulation's own.
-        if water.device.is_cuda:
-            water.assign(on_host)
+        content = self._on_leaf("water").astype(np.float64)
+        after = np.zeros(self.leaf.mask.shape)  # cells off the leaf hold no water
+        after.reshape(-1)[self.system.cells] = self.system.step(content, self.scene.residual_tolerance)
+        self._state.upload("water", after)
