@@ -27,13 +27,14 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
     from leafwarp.sim.simulation import Simulation
 
     simulation = Simulation(scene, leaf, check_device(device))
-    substeps = simulation.motion.required_substeps(1.0 / scene.time.fps)
+    parts = simulation.couplings_per_frame
+    substeps = parts * simulation.motion.required_substeps(1.0 / (scene.time.fps * parts))
     intervals = max(scene.time.frames - 1, 1)
     fluid_steps = simulation.fluid.steps.count if simulation.fluid is not None and scene.time.frames > 1 else 0
     runs = {
         "start": 0.0,
         "fluid step": fluid_steps / intervals,
-        "frame": 1.0,
+        "frame": float(parts),
         "substep": float(substeps),
         "output": 1.0,
     }

@@ -72,6 +72,7 @@ def make_report(
         "device": {"name": device.name, "alias": device.alias},
         "machine": f"{platform.machine()}, {os.cpu_count()} cores",
         "precision": scene.solver.precision,
+        "warnings": list(scene.warnings),
         "mesh": mesh_report(simulation),
         "map": list(scene.maps.shape) if scene.map_names else None,
         "fluid": _fluid_report(simulation) if simulation.fluid is not None else None,

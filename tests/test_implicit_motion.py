@@ -305,6 +305,24 @@ def test_a_frame_that_cannot_be_found_is_refused_and_taken_back(device, method, 
         np.testing.assert_array_equal(rig.get(name), before[name])
 
 
+@pytest.mark.parametrize("method", ["implicit", "quasistatic"])
+def test_a_membrane_that_does_not_hold_is_refused_and_taken_back(device, method):
+    """A leaf a hundred times too soft for its weight is drawn out to some times its length."""
+    soft = {"membrane_stiffness": 0.05, "bending_stiffness": 1e-9}
+    rig, motion = moving(method, soft, {"gravity": GRAVITY, "clamp": True}, strip(columns=6), device)
+    shapes = []
+    with pytest.raises(
+        SimulationError, match=rf"{method}_motion: an edge was stretched to .* raise structure.membrane"
+    ):
+        for frame in range(1, 200):
+            shapes.append(rig.get("position"))
+            motion.advance(FRAME, frame)
+    np.testing.assert_array_equal(rig.get("position"), shapes[-1])
+    _, motion = moving(method, soft, {"gravity": GRAVITY, "clamp": True}, strip(columns=6), device)
+    with pytest.raises(SimulationError, match="settling: an edge was stretched to"):
+        motion.settle()
+
+
 def test_what_is_not_finite_is_refused(device):
     rig, motion = moving("implicit", real(), {"gravity": GRAVITY}, one_triangle(), device)
     rig.put(velocity=np.full((3, 3), np.nan))

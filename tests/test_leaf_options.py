@@ -62,6 +62,16 @@ def test_holes_are_filled_or_kept_as_far_as_the_usd(scene_file: Path, tmp_path: 
     assert texture.shape[2] == (4 if holes == "fill" else 3)
 
 
+@pytest.mark.parametrize(("frames", "holes"), [(9, "keep"), (5, "fill")])
+def test_frames_hours_apart_do_not_tear_the_leaf(scene_file: Path, frames: int, holes: str) -> None:
+    """The water of three or six hours at once would fold the triangles at the hole over."""
+    scene = load_scene(scene_file, ["time.duration='24 h'", f"time.frames={frames}", f"leaf.holes='{holes}'"])
+    simulation = Simulation(scene, prepare_scene_leaf(scene, None))
+    assert simulation.couplings_per_frame > 1
+    *_, last = simulation.frames()
+    assert last.index == frames and np.isfinite(last.points).all()
+
+
 def test_kept_hole_is_where_the_photo_has_it(scene_file: Path) -> None:
     kept, filled = (
         prepare_scene_leaf(load_scene(scene_file, [f"leaf.holes='{holes}'"]), None) for holes in ("keep", "fill")

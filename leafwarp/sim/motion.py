@@ -17,6 +17,7 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.forces import Air, PaperBending
 from leafwarp.sim.launch import State
+from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, TORN_REMEDY, torn
 from leafwarp.sim.settled import Settled
 from leafwarp.sim.stable_step import StableStep, step_limit
 from leafwarp.sim.stage import Stage
@@ -28,16 +29,6 @@ if TYPE_CHECKING:
 SAFETY = 0.9
 # Substeps in one captured graph at most: replaying one costs next to nothing, recording it some milliseconds.
 BLOCK = 32
-# A leaf swings about its base within twice its length. A vertex that goes further than this many lengths in
-# one frame has been thrown.
-FARTHEST_TRAVEL = 4.0
-# A membrane that bending or a load has torn out to this many times its rest length, and goes on stretching, is no leaf
-# any more.
-MOST_STRETCH = 3.0
-TORN_REMEDY = (
-    "the membrane does not hold: raise structure.membrane_stiffness, or lower structure.bending_stiffness, the curl or "
-    "the load"
-)
 REPLAYS = 5
 # Settling: substeps between two looks at the kinetic energy, and at most in all.
 SETTLING_BLOCK = 32
@@ -271,7 +262,7 @@ class Motion:
             return _Fault(f"a vertex moved {travel:.3g} m, on a leaf of {self._length:.3g} m,", self._remedy())
         stretch = self._guard.largest_stretch()
         if stretch > max(MOST_STRETCH, self._stretch_before):
-            return _Fault(f"an edge was stretched to {stretch:.3g} times its rest length", TORN_REMEDY)
+            return _Fault(torn(stretch), TORN_REMEDY)
         if not step <= self._limit():
             return _Fault(f"the step of {step:.3g} s became too long for the deformed mesh", self._remedy())
         return None

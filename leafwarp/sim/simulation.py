@@ -12,6 +12,7 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.launch import State
 from leafwarp.sim.motion import make_motion
+from leafwarp.sim.pace import couplings_per_frame
 from leafwarp.sim.plan import Plan, make_plan
 from leafwarp.sim.settled import Settled
 from leafwarp.sim.stage import Interval, Stage, bind_stage
@@ -35,6 +36,7 @@ class Simulation:
     Attributes:
         plan: The stages.
         state: Their arrays.
+        couplings_per_frame: How often the water is handed to the structure within a frame.
         watch: Wall time spent in each stage so far; the stages of a substep, which run in one graph, are "motion".
         substeps: Motion substeps of every frame so far.
         settled: How well the leaf came to rest before the first frame; None where it was not asked to.
@@ -43,6 +45,7 @@ class Simulation:
     def __init__(self, scene: Scene, leaf: Leaf, device: str = "cpu"):
         self.scene = scene
         self.leaf = leaf
+        self.couplings_per_frame = couplings_per_frame(scene)
         self.substeps: list[int] = []
         self.settled: Settled | None = None
         self.plan: Plan = make_plan(scene, leaf)
@@ -96,15 +99,20 @@ class Simulation:
         """Go on from frame ``frame - 1`` to ``frame``.
 
         Raises:
-            SimulationError: The frame cannot be computed. The leaf is back in the shape of the frame before; its water
-                is that of the frame that failed.
+            SimulationError: The frame, or a part of it, cannot be computed. The leaf is back in the shape before that;
+                its water is that of the part that failed.
         """
-        interval = Interval(self.plant_time(frame - 1), self.plant_time(frame))
-        if self.fluid is not None:
-            self.fluid.advance(interval.end, frame)
-        self._couple(interval)
-        with self.watch("motion"):
-            self.substeps.append(self.motion.advance(1.0 / self.scene.time.fps, frame))
+        begin, end = self.plant_time(frame - 1), self.plant_time(frame)
+        parts = self.couplings_per_frame
+        moments = [begin + (end - begin) * part / parts for part in range(parts)] + [end]
+        substeps = 0
+        for interval in map(Interval, moments, moments[1:]):
+            if self.fluid is not None:
+                self.fluid.advance(interval.end, frame)
+            self._couple(interval)
+            with self.watch("motion"):
+                substeps += self.motion.advance(1.0 / (self.scene.time.fps * parts), frame)
+        self.substeps.append(substeps)
 
     def settle(self) -> None:
         """Let the leaf come to rest under its load, where the scene asks for it."""

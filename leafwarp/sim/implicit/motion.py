@@ -14,6 +14,7 @@ from leafwarp.sim.implicit.relaxation import relax
 from leafwarp.sim.implicit.stages import ImplicitMotion, PotentialMotion
 from leafwarp.sim.implicit.threads import one_thread
 from leafwarp.sim.launch import State
+from leafwarp.sim.limits import MOST_STRETCH, TORN_REMEDY, torn
 from leafwarp.sim.settled import Settled
 
 # Of a step in time, whose error the next one makes good; and of an equilibrium.
@@ -73,27 +74,33 @@ class NewtonMotion:
             The steps that the frame took.
 
         Raises:
-            SimulationError: It does not converge, not even in the smallest steps. The state is that of the frame's
-                start.
+            SimulationError: It does not converge, not even in the smallest steps, or the membrane does not hold. The
+                state is that of the frame's start.
         """
         names = ("position", "velocity", *(("hinge_angle",) if self._stage.hinged else ()))
         saved = {name: self._state[name].numpy().copy() for name in names}
+        most = max(MOST_STRETCH, self._largest_stretch())
         try:
             with one_thread():
                 steps = self._advance(frame_duration)
         except NotConverged as error:
-            for name, values in saved.items():
-                self._state.upload(name, values)
             remedy = "raise time.fps or structure.damping, or lower the load, the curl or the shrinking of a frame"
-            raise SimulationError(frame, self._stage.name, f"{error}; {remedy}") from None
-        self.largest_substeps = max(self.largest_substeps, steps)
-        return steps
+            fault = f"{error}; {remedy}"
+        else:
+            stretch = self._largest_stretch()
+            if stretch <= most:
+                self.largest_substeps = max(self.largest_substeps, steps)
+                return steps
+            fault = f"{torn(stretch)}; {TORN_REMEDY}"
+        for name, values in saved.items():
+            self._state.upload(name, values)
+        raise SimulationError(frame, self._stage.name, fault)
 
     def settle(self) -> Settled:
         """Let the leaf come to rest under the forces of the moment; its velocities are zero afterwards.
 
         Raises:
-            SimulationError: No equilibrium was found.
+            SimulationError: No equilibrium was found, or the membrane does not hold in it.
         """
         before = self.newton.effort.iterations
         try:
@@ -101,6 +108,9 @@ class NewtonMotion:
                 found = self._rest()
         except NotConverged as error:
             raise SimulationError(0, "settling", f"{error}; lower the load or raise the stiffness") from None
+        stretch = self._largest_stretch()
+        if stretch > MOST_STRETCH:
+            raise SimulationError(0, "settling", f"{torn(stretch)}; {TORN_REMEDY}")
         self._state["velocity"].zero_()
         gravity = np.linalg.norm(self._scene.motion.gravity or 0.0) or STANDARD_GRAVITY
         weight = gravity * float(self._state["mass"].numpy().mean())
@@ -112,6 +122,12 @@ class NewtonMotion:
 
     def _advance(self, duration: float) -> int:
         raise NotImplementedError
+
+    def _largest_stretch(self) -> float:
+        """Largest length of an edge over its rest length."""
+        ends = self._state["position"].numpy()[self._leaf.mesh.edges]
+        lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
+        return float(np.max(lengths / self._state["edge_rest_length"].numpy(), initial=0.0))
 
     def _positions(self) -> np.ndarray:
         return self._state["position"].numpy().copy()

@@ -1,0 +1,19 @@
+"""What no leaf does: signs that a motion went wrong, whichever way it was computed."""
+
+from __future__ import annotations
+
+# A leaf swings about its base within twice its length. A vertex that goes further than this many lengths in
+# one frame has been thrown.
+FARTHEST_TRAVEL = 4.0
+# A membrane that bending or a load has torn out to this many times its rest length, and goes on stretching, is no leaf
+# any more.
+MOST_STRETCH = 3.0
+TORN_REMEDY = (
+    "the membrane does not hold: raise structure.membrane_stiffness, or lower structure.bending_stiffness, the curl or "
+    "the load"
+)
+
+
+def torn(stretch: float) -> str:
+    """What is wrong with a mesh of which an edge is so many times its rest length."""
+    return f"an edge was stretched to {stretch:.3g} times its rest length"
