@@ -121,7 +121,7 @@ def final_shape(scene_file: Path) -> np.ndarray:
     """Points of the last frame over the leaf's length, shape [vertex_count, 3], with a mesh and maps kept small."""
     from leafwarp.sim.simulation import Simulation
 
-    scene = load_scene(scene_file).with_changes(FEW)
+    scene = load_scene(scene_file).with_changes(FEW | {"time.frames": 24})  # a second, in which it can curl
     leaf = prepare_scene_leaf(scene, None)
     return list(Simulation(scene, leaf).frames())[-1].points / leaf.length
 

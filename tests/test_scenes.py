@@ -146,3 +146,37 @@ def test_more_frames_see_the_same_water_and_settle_to_the_same_shape(
         assert np.abs(few - many).max() <= np.finfo(np.float32).eps
     distance = np.linalg.norm(shapes[13] - shapes[25], axis=1).max()
     assert distance < 0.005 * leaf.length
+
+
+@pytest.mark.parametrize("method", ["implicit", "quasistatic"])
+def test_frames_and_fps_change_neither_water_nor_shape_of_a_leaf_in_si_units(
+    method: str, small_scene: Path, scene_leaf, device: str
+) -> None:
+    data = load_scene(small_scene).model_dump(exclude_unset=True)
+    for table in ("transpiration", "shrink", "curl", "structure"):
+        del data[table]
+    data |= {
+        "material": {"preset": "tree"},
+        "air": {"relative_humidity": 0.5},
+        "stomata": {"open_conductance": 0.02},
+        "motion": {"method": method, "gravity": [0.0, 0.0, -9.81], "clamp": True, "settle": True},
+    }
+    scene = Scene.model_validate(data)
+    leaf = scene_leaf(scene)
+    maps, shapes = [], []
+    for frames, fps in ((13, 24), (25, 24), (13, 60)):
+        simulation = Simulation(scene.with_changes({"time.frames": frames, "time.fps": fps}), leaf, device)
+        every = (frames - 1) // 12
+        maps.append(
+            [
+                simulation.state["water_now"].numpy().copy()
+                for frame in simulation.frames()
+                if (frame.index - 1) % every == 0
+            ]
+        )
+        assert simulation.motion.settle().settled
+        shapes.append(simulation.state["position"].numpy().copy())
+    assert maps[0][-1][leaf.mask].max() < 0.8  # turgor is lost everywhere
+    for other, shape in zip(maps[1:], shapes[1:], strict=True):
+        assert np.abs(np.subtract(maps[0], other)).max() <= 4.0 * np.finfo(np.float64).eps
+        assert np.linalg.norm(shapes[0] - shape, axis=1).max() < 0.005 * leaf.length
