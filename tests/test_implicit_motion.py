@@ -323,6 +323,24 @@ def test_a_membrane_that_does_not_hold_is_refused_and_taken_back(device, method)
         motion.settle()
 
 
+@pytest.mark.parametrize("pin_radius", [0.0, 0.02])
+def test_a_leaf_that_nothing_pulls_stays_where_it_is(device, pin_radius):
+    """Held at one vertex it could turn freely; held at some it could not."""
+    rig, motion = moving("quasistatic", real(), {"pin_radius": pin_radius}, strip(columns=8), device)
+    before = rig.get("position")
+    assert motion.advance(FRAME, 1) == 1
+    np.testing.assert_array_equal(rig.get("position"), before)
+
+
+def test_a_leaf_held_at_one_vertex_shrinks_where_it_is(device):
+    rig, motion = moving("quasistatic", real(), {"pin_radius": 0.0}, strip(columns=8), device)
+    lengths = rig.get("edge_rest_length")
+    rig.put(edge_rest_length=0.9 * lengths)
+    motion.advance(FRAME, 1)
+    ends = rig.get("position")[rig.leaf.mesh.edges]
+    np.testing.assert_allclose(np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1), 0.9 * lengths, rtol=1e-4)
+
+
 def test_what_is_not_finite_is_refused(device):
     rig, motion = moving("implicit", real(), {"gravity": GRAVITY}, one_triangle(), device)
     rig.put(velocity=np.full((3, 3), np.nan))

@@ -18,6 +18,7 @@ from leafwarp.scene.file import load_scene
 from leafwarp.scene.material import MaterialTable
 from leafwarp.scene.presets import PRESETS
 from leafwarp.scene.warnings import USUAL
+from leafwarp.sim.pace import couplings_per_frame
 from leafwarp.sim.simulation import Simulation
 from meshes import scene_of, strip
 
@@ -339,3 +340,27 @@ def test_the_readmes_table_has_the_presets_figures() -> None:
         assert [float(cell) for cell in row.split("|")[2:6]] == pytest.approx(
             [figures[key] * scale for figures in PRESETS.values()]
         )
+
+
+def test_a_leaf_that_would_shrink_to_less_than_nothing_is_refused(leaf_file: Path, capsys) -> None:
+    for changes in (["shrink.along_veins=10"], ["shrink.curve=[[0.0, 0.5], [1.0, 0.0]]", "shrink.along_veins=3"]):
+        arguments = [part for change in changes for part in ("--set", change)]
+        assert main(["plan", str(leaf_file), *arguments]) == 2
+        assert "of its length along the veins; accepted: at most 95%" in capsys.readouterr().err
+
+
+def test_what_is_none_is_derived(leaf_file: Path) -> None:
+    scene = load_scene(leaf_file)
+    keys = ("material.thickness", "structure.membrane_stiffness", "structure.vein_bending_stiffness")
+    assert scene.with_changes(dict.fromkeys(keys)).structure == scene.structure
+
+
+def test_a_stiff_leaf_is_told_often_enough_that_it_swells_or_shrinks_along_its_veins(leaf_file: Path) -> None:
+    scene = load_scene(leaf_file, ["motion.method='explicit'"])
+    slow, fast = (scene.with_changes({"shrink.along_veins": factor}) for factor in (0.5, 5.0))
+    assert couplings_per_frame(fast) > 3 * couplings_per_frame(slow)
+    dry = {"source.conductance": 1e-3, "maps.water": 0.2, "stomata.open_conductance": 1e-6}
+    dry["stomata.minimum_conductance"] = 0.0
+    assert couplings_per_frame(scene.with_changes(dry)) > couplings_per_frame(
+        scene.with_changes(dry | {"maps.water": "auto"})
+    )

@@ -180,3 +180,14 @@ def test_frames_and_fps_change_neither_water_nor_shape_of_a_leaf_in_si_units(
     for other, shape in zip(maps[1:], shapes[1:], strict=True):
         assert np.abs(np.subtract(maps[0], other)).max() <= 4.0 * np.finfo(np.float64).eps
         assert np.linalg.norm(shapes[0] - shape, axis=1).max() < 0.005 * leaf.length
+
+
+def test_the_first_frame_of_quasistatic_motion_is_an_equilibrium_too(
+    small_scene: Path, scene_leaf, device: str
+) -> None:
+    changes = ["motion.method='quasistatic'", "motion.gravity=[0.0, 0.0, -9.81]", "time.frames=3", "time.duration=0.1"]
+    scene = load_scene(small_scene, [*changes, "structure.membrane_stiffness=2000.0", "motion.clamp=true"])
+    first, *others = [frame.points.copy() for frame in Simulation(scene, scene_leaf(scene), device).frames()]
+    assert np.ptp(first[:, 2]) > 0.01  # [m] it hangs
+    for points in others:
+        np.testing.assert_allclose(points, first, rtol=0.0, atol=1e-5)

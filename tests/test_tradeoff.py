@@ -268,3 +268,9 @@ def test_trials_keep_plant_time_and_shorten_the_film(small_scene: Path) -> None:
 def test_maps_keep_the_scenes_proportions() -> None:
     assert tradeoff.map_sizes((64, 512), (128, 1024)) == [(16, 128), (128, 1024)]
     assert tradeoff.map_sizes((1, 300), (16,)) == [(1, 16)]
+
+
+def test_a_scene_that_knows_double_precision_alone_is_measured_in_it(small_scene: Path, tmp_path: Path) -> None:
+    changes = ("motion.method='quasistatic'", "time.frames=3")
+    table = run(small_scene, tmp_path, changes, maps=(16,), step_factors=(1.0,))
+    assert table["settings"] and {row["precision"] for row in table["settings"]} == {"float64"}

@@ -17,7 +17,7 @@ from leafwarp.scene.fields import Curve, Table, varies
 from leafwarp.scene.leaf import LeafTable, MapsTable, MeshTable
 from leafwarp.scene.material import MaterialTable
 from leafwarp.scene.running import OutputTable, SolverTable, TimeTable
-from leafwarp.scene.structure import CurlTable, MotionTable, ShrinkTable, StructureTable
+from leafwarp.scene.structure import MOST_SHRINK, CurlTable, MotionTable, ShrinkTable, StructureTable
 from leafwarp.scene.water import AirTable, FluidTable, SourceTable, StomataTable, TranspirationTable, WaterTable
 
 __all__ = ["Curve", "MotionTable", "Scene", "put_value"]
@@ -60,6 +60,13 @@ class Scene(Table):
             for table in ("stomata", "transpiration", "source"):
                 if getattr(self, table) is not None:
                     raise ValueError(f"[{table}] needs [fluid]: with [water] the water is prescribed")
+        if self.shrinks:
+            lost = max(1.0, self.shrink.along_veins) * max(value for _, value in self.shrink.curve)
+            if lost > MOST_SHRINK:
+                raise ValueError(
+                    f"shrink.along_veins = {self.shrink.along_veins:g}: the leaf would lose {lost:.0%} of its length "
+                    f"along the veins; accepted: at most {MOST_SHRINK:.0%}"
+                )
         if self.curl is not None and not self.has_angular_springs:
             raise ValueError("[curl] needs structure.bending_stiffness: without angular springs nothing can curl")
         if "bending" in self.structure.model_fields_set and self.structure.bending_stiffness is None:

@@ -97,6 +97,6 @@ class Table(BaseModel):
         """
         copy = self.model_copy()
         for key, value in values.items():
-            if key not in self.model_fields_set:
+            if key not in self.model_fields_set or getattr(self, key) is None:
                 copy.__dict__[key] = value
         return copy

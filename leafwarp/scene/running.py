@@ -22,7 +22,10 @@ class TimeTable(Table):
 class SolverTable(Table):
     """How the scene is computed."""
 
-    precision: Literal["float32", "float64"] = Field("float32", description="Numbers of the fluid and the structure.")
+    precision: Literal["float32", "float64"] = Field(
+        "float32",
+        description="Numbers of the fluid and the structure; always float64 unless motion.method is explicit.",
+    )
     maximum_substeps: Integer = Field(
         8192, ge=1, le=2**20, description="Motion substeps a frame beyond which a scene is refused."
     )

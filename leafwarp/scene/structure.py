@@ -9,11 +9,13 @@ from pydantic import Field
 from leafwarp.quantity import quantity
 from leafwarp.scene.fields import Curve, Length, MassPerArea, Number, Share, Switch, Table, Vector, product, within
 
+MOST_SHRINK = 0.95  # of a length
+
 
 class ShrinkTable(Table):
     """Rest lengths that follow the water."""
 
-    curve: Annotated[Curve, within(-0.5, 0.95, "a shrink of")] | None = Field(
+    curve: Annotated[Curve, within(-0.5, MOST_SHRINK, "a shrink of")] | None = Field(
         None, description="Points [relative water content, share of the length lost]; default: that of [material]."
     )
     along_veins: Annotated[Number, Field(ge=0.0, le=10.0)] = Field(

@@ -105,7 +105,7 @@ class SourceTable(Table):
     """Water that enters through the petiole."""
 
     conductance: Annotated[Rate, Field(ge=0.0)] = Field(
-        description="Share of the saturated leaf's water that enters a second for a difference of 1 [1/s]."
+        description="Share of the saturated leaf's water that enters a second for a difference of 1 [1/s] (artistic)."
     )
     supply: Share = Field(
         1.0, description="Relative water content of the supply; a leaf wetter than it gives water back."
@@ -169,6 +169,11 @@ class AirTable(Table):
             raise ValueError(
                 f"vapour_pressure_deficit = {self.deficit:g} Pa: accepted at a temperature of {self.temperature:g} K: "
                 f"0 to {saturated:.4g} Pa, where the air is dry"
+            )
+        if self.deficit >= self.pressure:
+            raise ValueError(
+                f"pressure = {self.pressure:g} Pa: water boils at a vapour pressure deficit of {self.deficit:.4g} Pa; "
+                "accepted: a pressure above that"
             )
         return self
 

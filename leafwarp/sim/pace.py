@@ -14,17 +14,18 @@ MOST_STRAIN = 0.005
 def couplings_per_frame(scene: Scene) -> int:
     """Couplings a frame, so that explicit motion sees no jump of the rest lengths: 1 unless frames are hours apart.
 
-    A bound from the steepest part of the shrink's curve and the mean speed at which water is lost. Motions that find
-    the end of a step by minimising need no more than one.
+    An estimate from the steepest part of the shrink's curve and the mean speed at which water is lost. Motions that
+    find the end of a step by minimising need no more than one.
     """
     frames = scene.time.frames
     if scene.motion.method != "explicit" or not scene.shrinks or frames == 1:
         return 1
     curve = scene.shrink.curve
-    slope = max(abs((b - a) / (to - at)) for (at, a), (to, b) in pairwise(curve))
+    most = max(1.0, scene.shrink.along_veins)
+    slope = most * max(abs((b - a) / (to - at)) for (at, a), (to, b) in pairwise(curve))
     lost = min(1.0, _speed(scene) * scene.time.duration / (frames - 1))
     values = [value for _, value in curve]
-    return max(1, math.ceil(min(slope * lost, max(values) - min(values)) / MOST_STRAIN))
+    return max(1, math.ceil(min(slope * lost, most * (max(values) - min(values))) / MOST_STRAIN))
 
 
 def _speed(scene: Scene) -> float:
@@ -32,5 +33,6 @@ def _speed(scene: Scene) -> float:
     if scene.water is not None:
         return max((abs((b - a) / (to - at)) for (at, a), (to, b) in pairwise(scene.water.curve)), default=0.0)
     loss = 0.0 if scene.transpiration is None else scene.transpiration.rate
-    gain = 0.0 if scene.source is None or scene.source.rewatered_at is None else scene.source.conductance
+    fills = scene.source is not None and (scene.source.rewatered_at is not None or scene.maps.water != "auto")
+    gain = scene.source.conductance if fills else 0.0
     return max(loss, gain)

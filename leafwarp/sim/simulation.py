@@ -115,8 +115,8 @@ class Simulation:
         self.substeps.append(substeps)
 
     def settle(self) -> None:
-        """Let the leaf come to rest under its load, where the scene asks for it."""
-        if self.scene.motion.settle:
+        """Let the leaf come to rest under its load, where the scene asks for it or every frame is an equilibrium."""
+        if self.scene.motion.settle or self.scene.motion.method == "quasistatic":
             with self.watch("settle"):
                 self.settled = self.motion.settle()
 

@@ -10,7 +10,7 @@ import numpy as np
 from leafwarp.sim.forces import edge_tables, fill_edge_tables, fill_hinge_tables, hinge_tables
 from leafwarp.sim.implicit.newton import Accuracy, Newton
 from leafwarp.sim.implicit.potential import Potential
-from leafwarp.sim.implicit.relaxation import relax
+from leafwarp.sim.implicit.relaxation import keeps_from_turning, relax
 from leafwarp.sim.implicit.threads import one_thread
 from leafwarp.sim.launch import ArraySpec, State
 
@@ -107,7 +107,7 @@ def equilibrium(
             np.ones(count) if masses is None else weight[:, 0],
             length,
             Accuracy(tolerance, LAST_STEP),
-            is_held=bool(pinned.any()),
+            is_held=keeps_from_turning(positions[pinned], length),
             each_step=potential.keep_angles,
         )
     return Equilibrium(found.positions, found.residual, newton.effort.iterations, found.energy)

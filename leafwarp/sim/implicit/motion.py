@@ -10,7 +10,7 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.implicit import NotConverged
 from leafwarp.sim.implicit.newton import Accuracy, Newton
-from leafwarp.sim.implicit.relaxation import relax
+from leafwarp.sim.implicit.relaxation import keeps_from_turning, relax
 from leafwarp.sim.implicit.stages import ImplicitMotion, PotentialMotion
 from leafwarp.sim.implicit.threads import one_thread
 from leafwarp.sim.launch import State
@@ -77,7 +77,7 @@ class NewtonMotion:
             SimulationError: It does not converge, not even in the smallest steps, or the membrane does not hold. The
                 state is that of the frame's start.
         """
-        names = ("position", "velocity", *(("hinge_angle",) if self._stage.hinged else ()))
+        names = ("position", "velocity", "edge_tension", *(("hinge_angle",) if self._stage.hinged else ()))
         saved = {name: self._state[name].numpy().copy() for name in names}
         most = max(MOST_STRETCH, self._largest_stretch())
         try:
@@ -90,10 +90,12 @@ class NewtonMotion:
             stretch = self._largest_stretch()
             if stretch <= most:
                 self.largest_substeps = max(self.largest_substeps, steps)
+                self._commit()
                 return steps
             fault = f"{torn(stretch)}; {TORN_REMEDY}"
         for name, values in saved.items():
             self._state.upload(name, values)
+        self.newton.forget()
         raise SimulationError(frame, self._stage.name, fault)
 
     def settle(self) -> Settled:
@@ -123,6 +125,9 @@ class NewtonMotion:
     def _advance(self, duration: float) -> int:
         raise NotImplementedError
 
+    def _commit(self) -> None:
+        """A frame was found and is good."""
+
     def _largest_stretch(self) -> float:
         """Largest length of an edge over its rest length."""
         ends = self._state["position"].numpy()[self._leaf.mesh.edges]
@@ -136,16 +141,23 @@ class NewtonMotion:
         """Go to the equilibrium under the rest state of the moment."""
         self._set_times(1.0, 0.0)
         self._stage.prepare_rest()
-        found = relax(
-            self.newton,
-            self._state,
-            self._positions(),
-            self._state["mass"].numpy().copy(),
-            self._leaf.length,
-            REST_ACCURACY,
-            is_held=bool(self._pinned.any()),
-            each_step=self._stage.potential.keep_angles,
-        )
+        start = self._positions()
+        angles = self._state["hinge_angle"].numpy().copy() if self._stage.hinged else None
+        try:
+            found = relax(
+                self.newton,
+                self._state,
+                start,
+                self._state["mass"].numpy().copy(),
+                self._leaf.length,
+                REST_ACCURACY,
+                is_held=keeps_from_turning(start[self._pinned], self._leaf.length),
+                each_step=self._stage.potential.keep_angles,
+            )
+        except NotConverged:
+            if angles is not None:
+                self._state.upload("hinge_angle", angles)
+            raise
         self._finish()
         return found
 
@@ -246,9 +258,11 @@ class Quasistatic(NewtonMotion):
         finally:
             for name, values in after.items():
                 self._state.upload(name, values)
-        self._rest_state = after
         self._state.upload("velocity", (self._positions() - start) / duration)
         return steps
+
+    def _commit(self) -> None:
+        self._rest_state = self._present_rest_state()
 
 
 def make_newton_motion(scene: Scene, leaf: Leaf, state: State, stage: PotentialMotion) -> NewtonMotion:

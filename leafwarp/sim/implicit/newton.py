@@ -141,8 +141,14 @@ class Newton:
 
     def is_balanced(self, here: Evaluation, accuracy: Accuracy) -> bool:
         """Whether the forces left are small enough, the rounding of positions allowed for."""
-        rounding = STRETCH_ROUNDING * self._length * self._potential.largest_strength()
-        return here.residual <= accuracy.force * here.mean_force + rounding
+        return here.residual <= accuracy.force * here.mean_force + self._rounding()
+
+    def is_at_rest(self, here: Evaluation) -> bool:
+        """Whether nothing but the rounding of positions pulls."""
+        return here.residual <= self._rounding()
+
+    def _rounding(self) -> float:
+        return STRETCH_ROUNDING * self._length * self._potential.largest_strength()
 
     def step(self, here: Evaluation) -> tuple[float, float, Evaluation]:
         """One step from where the potential was last accepted.

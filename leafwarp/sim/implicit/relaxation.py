@@ -29,6 +29,12 @@ NEGLIGIBLE = 1e-9
 MOST_FAILURES = 8
 
 
+def keeps_from_turning(held: np.ndarray, length: float) -> bool:
+    """Whether held points [m], shape [count, 3], do not all lie on a line, about which a mesh could turn."""
+    spread = np.linalg.svd(held - held.mean(axis=0), compute_uv=False) if len(held) > 2 else np.zeros(3)
+    return bool(spread[1] > 1e-9 * length)
+
+
 def relax(
     newton: Newton,
     state: State,
@@ -49,7 +55,7 @@ def relax(
         weights: What the inertia is proportional to, shape [vertex_count]; its scale does not matter.
         length: Size of the mesh [m].
         accuracy: When it counts as at rest.
-        is_held: Whether a vertex is held, so that no inertia need be left.
+        is_held: Whether what is held keeps the mesh from turning, too, so that no inertia need be left.
         each_step: Called after every step.
 
     Raises:
@@ -59,6 +65,8 @@ def relax(
     state.upload("goal", start)
     state.upload("inertia", np.zeros(len(weights)))
     here = newton.start(start)
+    if newton.is_at_rest(here):
+        return here
     first = max(np.abs(here.gradient).mean(), 1e-9 * here.mean_force) / (FIRST_WAY * length)
     rate = least = 0.0 if is_held else NEGLIGIBLE * first
     failures, way = 0, np.inf

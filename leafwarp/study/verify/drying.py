@@ -1,4 +1,4 @@
-"""The measured drying of a leaf, from published parameters.
+"""The measured drying of a leaf, from parameters that were published with it or elsewhere.
 
 A severed kohlrabi leaf (Brassica oleracea var. gongylodes) was weighed for 11 hours (data of the R package
 pvldcurve, Raesch 2020). What the simulation is told, and where it comes from:
@@ -9,7 +9,8 @@ pvldcurve, Raesch 2020). What the simulation is told, and where it comes from:
   from 310 kPa when fresh (Calbo and Ferreira 2011, Brazilian Journal of Plant Physiology 23 (2));
 * stomata that close in proportion to turgor: the default of a scene.
 
-Nothing is fitted to the contents. In the first interval the leaf lost water at 13 mmol m^-2 s^-1 only, before its
+So two conductances are read off this leaf's own curve, from its slopes, and nothing else is: the case tests the closure
+between them, and the ledger. In the first interval the leaf lost water at 13 mmol m^-2 s^-1 only, before its
 stomata opened to 30, which no closure that falls with the water content follows; hence the comparison from the end of
 that interval on, started either from saturation or from the content measured there.
 """
