@@ -58,22 +58,6 @@ def hang(
 
 
 @wp.kernel
-def hold_near(
-    # inputs:
-    position: wp.array[wp.vec3d],
-    mass: wp.array[wp.float64],
-    rate: wp.array[wp.float64],
-    # outputs:
-    inertia_out: wp.array[wp.float64],
-    goal_out: wp.array[wp.vec3d],
-):
-    """Inertia that holds every vertex near where it is: ``m`` times a squared rate [1/s^2]."""
-    vertex = wp.tid()
-    inertia_out[vertex] = mass[vertex] * rate[0]
-    goal_out[vertex] = position[vertex]
-
-
-@wp.kernel
 def damp_edges(
     # inputs:
     position: wp.array[wp.vec3d],

@@ -1,7 +1,9 @@
-"""What no leaf does: signs that a motion went wrong, whichever way it was computed."""
+"""What every motion is judged by, and what no leaf does: signs that a motion went wrong."""
 
 from __future__ import annotations
 
+# Where a scene has no gravity of its own to compare forces and swings with.
+STANDARD_GRAVITY = 9.80665  # [m/s^2]
 # A leaf swings about its base within twice its length. A vertex that goes further than this many lengths in
 # one frame has been thrown.
 FARTHEST_TRAVEL = 4.0

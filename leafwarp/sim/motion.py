@@ -17,7 +17,7 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.forces import Air, PaperBending
 from leafwarp.sim.launch import State
-from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, TORN_REMEDY, torn
+from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, STANDARD_GRAVITY, TORN_REMEDY, torn
 from leafwarp.sim.settled import Settled
 from leafwarp.sim.stable_step import StableStep, step_limit
 from leafwarp.sim.stage import Stage
@@ -33,7 +33,6 @@ REPLAYS = 5
 # Settling: substeps between two looks at the kinetic energy, and at most in all.
 SETTLING_BLOCK = 32
 SETTLING_SUBSTEPS = 2**17
-STANDARD_GRAVITY = 9.80665  # [m/s^2]
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from abc import ABC, abstractmethod
+
 import numpy as np
 import scipy.sparse as sparse
 
@@ -14,7 +16,7 @@ from leafwarp.sim.implicit.relaxation import keeps_from_turning, relax
 from leafwarp.sim.implicit.stages import ImplicitMotion, PotentialMotion
 from leafwarp.sim.implicit.threads import one_thread
 from leafwarp.sim.launch import State
-from leafwarp.sim.limits import MOST_STRETCH, TORN_REMEDY, torn
+from leafwarp.sim.limits import MOST_STRETCH, STANDARD_GRAVITY, TORN_REMEDY, torn
 from leafwarp.sim.settled import Settled
 
 # Of a step in time, whose error the next one makes good; and of an equilibrium.
@@ -22,12 +24,11 @@ STEP_ACCURACY = Accuracy(force=1e-3, step=2e-5)
 REST_ACCURACY = Accuracy(force=1e-5, step=2e-6)
 # How often a step is halved before the frame is given up.
 MOST_HALVINGS = 6
-STANDARD_GRAVITY = 9.80665  # [m/s^2]
 # What the coupling sets and quasistatic motion goes toward in parts if it must.
 REST_STATE = ("edge_rest_length", "edge_stiffness", "hinge_rest_angle", "hinge_stiffness", "mass")
 
 
-class NewtonMotion:
+class NewtonMotion(ABC):
     """What both motions share.
 
     Args:
@@ -90,7 +91,6 @@ class NewtonMotion:
             stretch = self._largest_stretch()
             if stretch <= most:
                 self.largest_substeps = max(self.largest_substeps, steps)
-                self._commit()
                 return steps
             fault = f"{torn(stretch)}; {TORN_REMEDY}"
         for name, values in saved.items():
@@ -122,11 +122,9 @@ class NewtonMotion:
         """The time of the motion is that of its one stage."""
         return {self._stage.name: 1.0}
 
+    @abstractmethod
     def _advance(self, duration: float) -> int:
-        raise NotImplementedError
-
-    def _commit(self) -> None:
-        """A frame was found and is good."""
+        """Move the leaf by a playback time [s], and return the steps that it took."""
 
     def _largest_stretch(self) -> float:
         """Largest length of an edge over its rest length."""
@@ -261,8 +259,11 @@ class Quasistatic(NewtonMotion):
         self._state.upload("velocity", (self._positions() - start) / duration)
         return steps
 
-    def _commit(self) -> None:
+    def advance(self, frame_duration: float, frame: int) -> int:
+        """As of every motion; the rest state that was reached is where the next frame's parts begin."""
+        steps = super().advance(frame_duration, frame)
         self._rest_state = self._present_rest_state()
+        return steps
 
 
 def make_newton_motion(scene: Scene, leaf: Leaf, state: State, stage: PotentialMotion) -> NewtonMotion:

@@ -54,14 +54,12 @@ class Potential:
     Attributes:
         arrays: What it brings into the state.
         pattern: Where the blocks of its Hessian lie.
-        evaluations: How often it was evaluated.
     """
 
     def __init__(self, vertex_count: int, edges: np.ndarray, hinges: np.ndarray):
         hinges = np.asarray(hinges, dtype=np.int32).reshape(-1, 4)
         self.vertex_count, self._edge_count, self._hinge_count = vertex_count, len(edges), len(hinges)
         self.pattern: BlockPattern = block_pattern(vertex_count, np.asarray(edges), hinges)
-        self.evaluations = 0
         count, edge_count, hinge_count, blocks = vertex_count, len(edges), len(hinges), self.pattern.count
         self.arrays = (
             ArraySpec("trial_position", (count,), "vector", "positions tried [m]"),
@@ -205,7 +203,6 @@ class Potential:
         self._state.upload("trial_position", positions)
         for command in self._gradient_commands:
             command.run()
-        self.evaluations += 1
         energy, gradient, magnitude = (self._state[name].numpy() for name in _RESULTS)
         total, size = float(energy.sum()), float(np.abs(energy).sum())
         return Evaluation(positions, total, size, gradient.copy(), float(magnitude.mean()))
