@@ -12,8 +12,6 @@ from leafwarp.sim.fluid.conductance import face_conductance
 
 # Of max y, of one step: some units in the last place, gathered along a line.
 ROUNDING = {"float32": 1e-6, "float64": 2e-15}
-# What a mean of two numbers may leave their range by.
-ULP = {"float32": 2.4e-7, "float64": 4.5e-16}
 
 
 def banded_line(beta: np.ndarray, old: np.ndarray) -> np.ndarray:
@@ -111,8 +109,8 @@ def test_water_stays_and_keeps_its_range_at_any_beta(decades: tuple, device: str
         after = sample.leaf_water
         assert np.isfinite(after).all()
         assert abs(after.sum() - before.sum()) <= ROUNDING[precision] * len(after)
-        assert after.min() >= before.min() - ULP[precision]
-        assert after.max() <= before.max() + ULP[precision]
+        assert after.min() >= before.min()
+        assert after.max() <= before.max()
         assert not sample.water[~mask].any()
         before = after
 

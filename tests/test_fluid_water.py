@@ -315,7 +315,7 @@ def test_open_stomata_are_those_of_a_scene_without_a_closure(device: str, precis
     assert set(always.state.names) == set(plain.state.names)
     assert not [name for name in plain.state.names if "closure" in name]
     assert {c.kernel_name for c in plain.state.recorded} == {c.kernel_name for c in always.state.recorded}
-    assert "leafwarp_kernels.transpiration.transpire" in {c.kernel_name for c in plain.state.recorded}
+    assert "leafwarp_kernels.transpiration.transpire_with_closure" not in {c.kernel_name for c in plain.state.recorded}
     closing = closing_sample(CLOSURES["turgor"], 60.0, 600.0, device, precision)
     assert set(closing.state.names) - set(plain.state.names) == {"closure_water", "closure_opening"}
     closing.fluid.advance(600.0)

@@ -19,9 +19,12 @@ ledger closes.
 
 import warp as wp
 
+from leafwarp_kernels.lanes import LANES, Lanes
 from leafwarp_kernels.response import response
 
 wp.set_module_options({"enable_backward": False})
+
+TakenLanes = wp.types.vector(LANES, wp.float64)
 
 
 @wp.kernel
@@ -54,6 +57,46 @@ def transpire(
         water_out[row, column] = remaining
         taken += wp.float64(content) - wp.float64(remaining)
     transpired_out[row] += taken
+
+
+@wp.kernel
+def transpire_lanes(
+    # inputs:
+    cuticle_rate: wp.Float,
+    stomatal_rate: wp.array2d[Lanes],
+    span: wp.array2d[wp.int32],
+    time_step: wp.Float,
+    # outputs:
+    water_out: wp.array2d[Lanes],
+    transpired_out: wp.array[wp.float64],
+):
+    """:func:`transpire` for a CPU, a block of cells at a time.
+
+    Args:
+        cuticle_rate: Loss everywhere alike [1/s].
+        stomatal_rate: Further loss of each cell [1/s], shape [ny, block]; None for none.
+        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
+        time_step: [s].
+        water_out: Relative water content, shape [ny, block]; cells off the leaf hold 0 and keep it.
+        transpired_out: Sum of the contents taken from each row so far, shape [ny]; added to.
+    """
+    row = wp.tid()
+    none = water_out.dtype()
+    cuticular = water_out.dtype(cuticle_rate * time_step)
+    taken = TakenLanes()
+    for block in range(span[row, 0], span[row, 1]):
+        content = water_out[row, block]
+        loss = cuticular
+        if stomatal_rate:
+            loss += stomatal_rate[row, block] * time_step
+        remaining = content - wp.min(loss, wp.max(content, none))
+        water_out[row, block] = remaining
+        for lane in range(LANES):
+            taken[lane] += wp.float64(content[lane]) - wp.float64(remaining[lane])
+    total = wp.float64(0.0)
+    for lane in range(LANES):
+        total += taken[lane]
+    transpired_out[row] += total
 
 
 @wp.func

@@ -14,15 +14,37 @@ divided by zero. Here every pivot ``d`` is a sum of positive numbers, and every 
 
 With ``e_i = 1`` this is the Thomas algorithm for ``z_i d_i / s_i``, rearranged. A constant field stays the
 same to the last bit, rounding is proportional to differences between cells, and no content leaves the range
-of the others by more than rounding, whatever beta is. The two weights depend on beta alone: they are made
-once, in float64, and a step is two sweeps in place without a division.
+of the others, whatever beta is: each mean is held between the two contents that it is made of. The two weights
+depend on beta alone: they are made once, in float64, and a step is two sweeps without a division.
 
-A kernel treats line k of its arrays as line k of the map. For columns, pass transposed views.
+A kernel treats line k of its arrays as line k of the map. For columns, pass transposed views. Weights lie block by
+block (see :mod:`leafwarp_kernels.lanes`), shape [block, cell, lane]: line ``k`` in lane ``k % 32`` of block
+``k // 32``.
+
+:func:`solve_lines` is the plain solve, one line a thread, against which the others are tested. On a CPU
+:func:`solve_adjacent_lines` and :func:`solve_distant_lines` take a block of lines a thread; on a GPU a line is
+shared by many threads, see :mod:`leafwarp_kernels.tridiagonal_segments`.
 """
+
+from typing import Any
 
 import warp as wp
 
+from leafwarp_kernels.lanes import LANES, Lanes
+
 wp.set_module_options({"enable_backward": False})
+
+
+@wp.func
+def mean_of(a: Any, b: Any, weight: Any):
+    """``a + weight (b - a)``, never beyond ``a`` or ``b`` by rounding."""
+    return wp.clamp(a + weight * (b - a), wp.min(a, b), wp.max(a, b))
+
+
+@wp.func
+def mean_of_lanes(a: Any, b: Any, weight: Any):
+    """:func:`mean_of`, lane by lane."""
+    return wp.min(wp.max(a + wp.cw_mul(weight, b - a), wp.min(a, b)), wp.max(a, b))
 
 
 @wp.kernel
@@ -33,8 +55,9 @@ def eliminate_lines(
     span: wp.array2d[wp.int32],
     time_step: wp.float64,
     # outputs:
-    forward_weight_out: wp.array2d[wp.Float],
-    backward_weight_out: wp.array2d[wp.Float],
+    forward_weight_out: wp.array3d[wp.Float],
+    backward_weight_out: wp.array3d[wp.Float],
+    diagonal_out: wp.array3d[wp.Float],
 ):
     """The weights of each line's two sweeps.
 
@@ -43,10 +66,13 @@ def eliminate_lines(
         excess_diagonal: The ``e_i - 1``, shape [line, cell]; None for none.
         span: First leaf cell of each line and the one after its last, shape [line, 2].
         time_step: [s].
-        forward_weight_out: The ``w_i / s_i``, shape [line, cell]; written within the span.
-        backward_weight_out: The ``beta_i / d_i``, shape [line, cell]; written within the span.
+        forward_weight_out: The ``w_i / s_i``, shape [block, cell, lane]; written within the span.
+        backward_weight_out: The ``beta_i / d_i``, shape [block, cell, lane]; written within the span.
+        diagonal_out: The ``e_i``, shape [block, cell, lane], written within the span; None if nobody needs them.
     """
     line = wp.tid()
+    block = line / LANES
+    lane = line % LANES
     carried = wp.float64(0.0)
     for cell in range(span[line, 0], span[line, 1]):
         diagonal = wp.float64(1.0)
@@ -56,17 +82,19 @@ def eliminate_lines(
         rate = conductance[line, cell]
         beta = wp.float64(rate) * time_step
         backward_weight = beta / (remainder + beta)
-        forward_weight_out[line, cell] = type(rate)(carried / remainder)
-        backward_weight_out[line, cell] = type(rate)(backward_weight)
+        forward_weight_out[block, cell, lane] = type(rate)(carried / remainder)
+        backward_weight_out[block, cell, lane] = type(rate)(backward_weight)
+        if diagonal_out:
+            diagonal_out[block, cell, lane] = type(rate)(diagonal)
         carried = remainder * backward_weight
 
 
 @wp.kernel
 def solve_lines(
     # inputs:
-    forward_weight: wp.array2d[wp.Float],
-    backward_weight: wp.array2d[wp.Float],
-    excess_diagonal: wp.array2d[wp.Float],
+    forward_weight: wp.array3d[wp.Float],
+    backward_weight: wp.array3d[wp.Float],
+    diagonal: wp.array3d[wp.Float],
     span: wp.array2d[wp.int32],
     right_side: wp.array2d[wp.Float],
     # outputs:
@@ -77,27 +105,118 @@ def solve_lines(
     Args:
         forward_weight: From :func:`eliminate_lines`.
         backward_weight: From :func:`eliminate_lines`.
-        excess_diagonal: The ``e_i - 1``, shape [line, cell]; None for a right side that holds the ``f_i``.
+        diagonal: From :func:`eliminate_lines`; None for a right side that holds the ``f_i``.
         span: First leaf cell of each line and the one after its last, shape [line, 2].
         right_side: The ``e_i f_i``, or the ``f_i``, shape [line, cell].
         solution_out: The ``y_i``, shape [line, cell]; written within the span. May be the array of the right
             side.
     """
     line = wp.tid()
+    block = line / LANES
+    lane = line % LANES
     first = span[line, 0]
     end = span[line, 1]
     if first == end:
         return
     content = right_side[line, first]
-    one = type(content)(1.0)
+    if diagonal:
+        content = content / diagonal[block, first, lane]
     for cell in range(first, end):
         old = right_side[line, cell]
-        if excess_diagonal:
-            old = old / (one + excess_diagonal[line, cell])
-        content = old + forward_weight[line, cell] * (content - old)
+        if diagonal:
+            old = old / diagonal[block, cell, lane]
+        content = mean_of(old, content, forward_weight[block, cell, lane])
         solution_out[line, cell] = content
     for back in range(end - first):
         cell = end - 1 - back
         eliminated = solution_out[line, cell]
-        content = eliminated + backward_weight[line, cell] * (content - eliminated)
+        content = mean_of(eliminated, content, backward_weight[block, cell, lane])
         solution_out[line, cell] = content
+
+
+@wp.kernel
+def solve_adjacent_lines(
+    # inputs:
+    forward_weight: wp.array2d[Lanes],
+    backward_weight: wp.array2d[Lanes],
+    diagonal: wp.array2d[Lanes],
+    span: wp.array2d[wp.int32],
+    right_side: wp.array2d[Lanes],
+    # outputs:
+    solution_out: wp.array2d[Lanes],
+):
+    """Solve a block of lines whose cells lie side by side in memory, as those of columns do.
+
+    Args:
+        forward_weight: From :func:`eliminate_lines`, shape [block, cell].
+        backward_weight: From :func:`eliminate_lines`, shape [block, cell].
+        diagonal: From :func:`eliminate_lines`, shape [block, cell]; None for a right side that holds the ``f_i``.
+        span: First leaf cell of each block and the one after its last, shape [block, 2].
+        right_side: The ``e_i f_i``, or the ``f_i``, shape [block, cell].
+        solution_out: The ``y_i``, shape [block, cell]; written within the span. May be the array of the right side.
+    """
+    block = wp.tid()
+    first = span[block, 0]
+    end = span[block, 1]
+    if first == end:
+        return
+    content = right_side[block, first]
+    if diagonal:
+        content = wp.cw_div(content, diagonal[block, first])
+    for cell in range(first, end):
+        old = right_side[block, cell]
+        if diagonal:
+            old = wp.cw_div(old, diagonal[block, cell])
+        content = mean_of_lanes(old, content, forward_weight[block, cell])
+        solution_out[block, cell] = content
+    for back in range(end - first):
+        cell = end - 1 - back
+        content = mean_of_lanes(solution_out[block, cell], content, backward_weight[block, cell])
+        solution_out[block, cell] = content
+
+
+@wp.kernel
+def solve_distant_lines(
+    # inputs:
+    forward_weight: wp.array2d[Lanes],
+    backward_weight: wp.array2d[Lanes],
+    diagonal: wp.array2d[Lanes],
+    span: wp.array2d[wp.int32],
+    right_side: wp.array2d[wp.Float],
+    # outputs:
+    swept_out: wp.array2d[Lanes],
+    solution_out: wp.array2d[wp.Float],
+):
+    """Solve a block of lines whose cells lie one after another in memory, as those of rows do.
+
+    Args:
+        forward_weight: From :func:`eliminate_lines`, shape [block, cell].
+        backward_weight: From :func:`eliminate_lines`, shape [block, cell].
+        diagonal: From :func:`eliminate_lines`, shape [block, cell]; None for a right side that holds the ``f_i``.
+        span: First leaf cell of each block and the one after its last, shape [block, 2].
+        right_side: The ``e_i f_i``, or the ``f_i``, shape [line, cell], whole blocks of lines.
+        swept_out: Room for the ``z_i``, shape [room, cell]: as much as threads that may run at the same time.
+        solution_out: The ``y_i``, shape [line, cell]; written within the span. May be the array of the right side.
+    """
+    block = wp.tid()
+    first = span[block, 0]
+    end = span[block, 1]
+    if first == end:
+        return
+    line = block * LANES
+    room = block % swept_out.shape[0]
+    content = forward_weight.dtype()
+    old = forward_weight.dtype()
+    for cell in range(first, end):
+        for lane in range(LANES):
+            old[lane] = right_side[line + lane, cell]
+        if diagonal:
+            old = wp.cw_div(old, diagonal[block, cell])
+        # The first weight is 0.
+        content = mean_of_lanes(old, content, forward_weight[block, cell])
+        swept_out[room, cell] = content
+    for back in range(end - first):
+        cell = end - 1 - back
+        content = mean_of_lanes(swept_out[room, cell], content, backward_weight[block, cell])
+        for lane in range(LANES):
+            solution_out[line + lane, cell] = content[lane]

@@ -22,7 +22,7 @@ import numpy as np
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Curve, Scene
 from leafwarp.sim import material
-from leafwarp.sim.launch import ArraySpec, State
+from leafwarp.sim.launch import ArraySpec, State, padded_shape
 from leafwarp.sim.sampling import sampling_stencils, smooth_over_leaf
 from leafwarp.sim.stage import Interval, Stage
 from leafwarp_kernels.response import respond_in_proportion, respond_to_change, respond_with_set
@@ -70,16 +70,18 @@ class Stencils(Stage):
             for p in self.points
             for spec in (
                 ArraySpec(
-                    f"{p}_stencil_cells", (_point_count(leaf, p), 4), "int32", "flat map cells around each point"
+                    f"{p}_stencil_cells", (_point_count(leaf, p), 4), "int32", "padded map's cells around each point"
                 ),
                 ArraySpec(f"{p}_stencil_weights", (_point_count(leaf, p), 4), "real", "their weights, with sum 1"),
             )
         )
 
     def bind(self, state: State) -> None:
+        shape = self.leaf.mask.shape
         for points in self.points:
             cells, weights = sampling_stencils(point_uv(self.leaf, points), self.leaf.mask, self.leaf.frame.size)
-            state.upload(f"{points}_stencil_cells", cells)
+            rows, columns = np.unravel_index(cells, shape)
+            state.upload(f"{points}_stencil_cells", np.ravel_multi_index((rows, columns), padded_shape(shape)))
             state.upload(f"{points}_stencil_weights", weights)
 
 
@@ -95,7 +97,7 @@ class _Sampling(Stage):
         self.arrays = _sample_specs(leaf, points, self.quantity)
 
     def bind(self, state: State) -> None:
-        values = state[self.map_name].flatten()
+        values = state.whole(self.map_name).flatten()
         self.commands = [
             state.record(
                 sample_map,
@@ -124,7 +126,7 @@ class SampleVenation(_Sampling):
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf, veined_points(scene))
-        spec = ArraySpec("venation", leaf.mask.shape, "real", "flow capacity, smoothed to the edge length")
+        spec = ArraySpec("venation", leaf.mask.shape, "real", "flow capacity, smoothed to the edge length", padded=True)
         self.arrays = (spec, *self.arrays)
 
     def bind(self, state: State) -> None:

@@ -11,24 +11,26 @@ import numpy as np
 import warp as wp
 
 from leafwarp.errors import InputError
+from leafwarp_kernels.lanes import LANES, Lanes
 
 wp.config.log_level = wp.LOG_WARNING
 
 REAL = {"float32": wp.float32, "float64": wp.float64}
 VECTOR = {"float32": wp.vec3f, "float64": wp.vec3d}
+LANE_VECTOR = {precision: wp.types.vector(LANES, real) for precision, real in REAL.items()}
 
 
 def specialise(kernel: wp.Kernel, precision: str) -> wp.Kernel:
     """The overload of a generic kernel for one precision.
 
-    In a kernel's signature ``wp.Float`` stands for a scalar of the scene's precision and ``Any`` for a 3-vector of
-    it. Only the overloads asked for here are ever compiled.
+    In a kernel's signature ``wp.Float`` stands for a scalar of the scene's precision, ``Any`` for a 3-vector and
+    ``Lanes`` for a block of it. Only the overloads asked for here are ever compiled.
 
     Args:
         kernel: A kernel of :mod:`leafwarp_kernels`.
         precision: "float32" or "float64".
     """
-    concrete = {wp.Float: REAL[precision], Any: VECTOR[precision]}
+    concrete = {wp.Float: REAL[precision], Any: VECTOR[precision], Lanes: LANE_VECTOR[precision]}
     types = {}
     for argument in kernel.adj.args:
         annotated = argument.type
@@ -53,6 +55,16 @@ def check_device(device: str) -> str:
         raise InputError(f"--device {device}: no such device; accepted here: {known}") from None
 
 
+def padded_shape(shape: tuple[int, int]) -> tuple[int, int]:
+    """The shape of whole blocks of lanes that holds a map.
+
+    The number of blocks in a row is odd: with a power of two the cells of a column would share a few places in the
+    processor's cache.
+    """
+    rows, columns = (-(-count // LANES) for count in shape)
+    return LANES * rows, LANES * (columns | 1)
+
+
 @dataclass(frozen=True)
 class ArraySpec:
     """An array that a stage brings into the state.
@@ -62,12 +74,20 @@ class ArraySpec:
         shape: Its shape.
         kind: "real" (the scene's precision), "vector" (3-vector of it), "int32", "bool" or "float64".
         meaning: What it holds, with its unit.
+        padded: The array is part of a larger one of whole blocks of lanes, which kernels that work on blocks see
+            (:meth:`State.whole`, :meth:`State.lanes`). Two dimensions only.
     """
 
     name: str
     shape: tuple[int, ...]
     kind: str
     meaning: str
+    padded: bool = False
+
+    @property
+    def allocated_shape(self) -> tuple[int, ...]:
+        """The shape in memory."""
+        return padded_shape(self.shape) if self.padded else self.shape
 
     def dtype(self, precision: str) -> Any:
         """The Warp type of an element."""
@@ -80,7 +100,7 @@ class ArraySpec:
 
     def byte_count(self, precision: str) -> int:
         """Memory that the array takes [byte]."""
-        return int(np.prod(self.shape)) * wp.types.type_size_in_bytes(self.dtype(precision))
+        return int(np.prod(self.allocated_shape)) * wp.types.type_size_in_bytes(self.dtype(precision))
 
 
 class State:
@@ -100,12 +120,19 @@ class State:
         self.launch_count = 0
         self.recorded: list[Command] = []
         self._arrays: dict[str, wp.array] = {}
+        self._whole: dict[str, wp.array] = {}
         self._component: dict[str, np.dtype] = {}
         for spec in specs:
-            if spec.name in self._arrays:
-                raise ValueError(f"array '{spec.name}' is declared twice")
-            self._arrays[spec.name] = wp.zeros(spec.shape, dtype=spec.dtype(precision), device=self.device)
-            self._component[spec.name] = spec.numpy_dtype(precision)
+            self.add(spec)
+
+    def add(self, spec: ArraySpec) -> None:
+        """Allocate an array, zeroed."""
+        if spec.name in self._arrays:
+            raise ValueError(f"array '{spec.name}' is declared twice")
+        whole = wp.zeros(spec.allocated_shape, dtype=spec.dtype(self.precision), device=self.device)
+        self._whole[spec.name] = whole
+        self._arrays[spec.name] = whole[: spec.shape[0], : spec.shape[1]] if spec.padded else whole
+        self._component[spec.name] = spec.numpy_dtype(self.precision)
 
     def __getitem__(self, name: str) -> wp.array:
         return self._arrays[name]
@@ -121,7 +148,24 @@ class State:
     @property
     def byte_count(self) -> int:
         """Memory of all arrays [byte]."""
-        return sum(array.capacity for array in self._arrays.values())
+        return sum(array.capacity for array in self._whole.values())
+
+    def whole(self, name: str) -> wp.array:
+        """An array with its padding."""
+        return self._whole[name]
+
+    def lanes(self, name: str) -> wp.array:
+        """An array with its padding as blocks of lanes along its last axis."""
+        whole = self._whole[name]
+        block = LANE_VECTOR[self.precision]
+        size = wp.types.type_size_in_bytes(block)
+        return wp.array(
+            ptr=whole.ptr,
+            dtype=block,
+            shape=(*whole.shape[:-1], whole.shape[-1] // LANES),
+            strides=(*whole.strides[:-1], size),
+            device=self.device,
+        )
 
     def upload(self, name: str, values: np.ndarray) -> None:
         """Fill an array from the host, converted to its type."""

@@ -66,6 +66,11 @@ class Stage:
         """Launches each time the stage runs, once it is bound."""
         return len(self.commands)
 
+    def add_array(self, state: State, spec: ArraySpec) -> None:
+        """Bring another array into the state, in :meth:`bind`, which is the first to know the device."""
+        state.add(spec)
+        self.arrays += (spec,)
+
     def bind(self, state: State) -> None:
         """Fill the stage's own arrays and record its launches."""
 

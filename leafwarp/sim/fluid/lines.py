@@ -9,9 +9,11 @@ import warp as wp
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.fluid.conductance import leaf_conductance
-from leafwarp.sim.fluid.spans import line_spans
+from leafwarp.sim.fluid.spans import block_spans, line_spans
 from leafwarp.sim.launch import ArraySpec, Command, State
-from leafwarp_kernels.tridiagonal import eliminate_lines, solve_lines
+from leafwarp.sim.stage import Stage
+from leafwarp_kernels.lanes import LANES
+from leafwarp_kernels.tridiagonal import eliminate_lines, solve_adjacent_lines, solve_distant_lines
 
 if TYPE_CHECKING:
     from leafwarp.sim.fluid.source import Supply
@@ -36,12 +38,20 @@ def line_arrays(shape: tuple[int, int]) -> tuple[ArraySpec, ...]:
     return (
         ArraySpec("conductance_x", shape, "real", "exchange of each cell with its right neighbour [1/s]"),
         ArraySpec("conductance_y", shape, "real", "exchange of each cell with its upper neighbour [1/s]"),
-        ArraySpec("forward_weight_x", shape, "real", "weights of the sweeps along rows, forward"),
-        ArraySpec("backward_weight_x", shape, "real", "weights of the sweeps along rows, backward"),
-        ArraySpec("forward_weight_y", shape, "real", "weights of the sweeps along columns, forward"),
-        ArraySpec("backward_weight_y", shape, "real", "weights of the sweeps along columns, backward"),
-        ArraySpec("row_span", (rows, 2), "int32", "first leaf cell of each row and the one after its last"),
-        ArraySpec("column_span", (columns, 2), "int32", "first leaf cell of each column and the one after its last"),
+        *_weight_arrays("x", rows, columns),
+        *_weight_arrays("y", columns, rows),
+    )
+
+
+def _weight_arrays(direction: str, lines: int, cells: int) -> tuple[ArraySpec, ...]:
+    name = "row" if direction == "x" else "column"
+    blocks = -(-lines // LANES)
+    packed = (blocks, cells, LANES)
+    return (
+        ArraySpec(f"forward_weight_{direction}", packed, "real", f"weights of the sweeps along {name}s, forward"),
+        ArraySpec(f"backward_weight_{direction}", packed, "real", f"weights of the sweeps along {name}s, backward"),
+        ArraySpec(f"{name}_span", (lines, 2), "int32", f"first leaf cell of each {name} and the one after its last"),
+        ArraySpec(f"{name}_block_span", (blocks, 2), "int32", f"the same of each block of {LANES} {name}s together"),
     )
 
 
@@ -50,52 +60,91 @@ def upload_conductance(scene: Scene, leaf: Leaf, state: State, time_step: float)
     conductance = leaf_conductance(scene, leaf, time_step)
     state.upload("conductance_x", conductance.x)
     state.upload("conductance_y", conductance.y)
-    state.upload("row_span", line_spans(leaf.mask))
-    state.upload("column_span", line_spans(leaf.mask.T))
+    for name, span in (("row", line_spans(leaf.mask)), ("column", line_spans(leaf.mask.T))):
+        state.upload(f"{name}_span", span)
+        state.upload(f"{name}_block_span", block_spans(span))
 
 
 class LineSolves:
     """The line solves of one direction, eliminated at once.
 
-    Columns go through the same kernels as rows, on transposed views.
+    Columns go through the same kernels as rows, on transposed views. On a CPU a thread solves a block of lines in its
+    vector lanes; on a GPU a line has many threads.
 
     Args:
+        stage: The stage that solves; it gets the arrays that depend on the device.
         state: Holds the arrays of :func:`line_arrays`; conductances and spans filled.
         direction: "x" for rows, "y" for columns.
         time_step: [s].
         excess_diagonal: Array of what is added to the diagonal of the systems; None for none.
+        divided: Right sides are divided by 1 and the excess of the diagonal already.
+        segmented: Share each line among many threads; by default on a GPU only.
     """
 
     def __init__(
-        self, state: State, direction: Literal["x", "y"], time_step: float, excess_diagonal: str | None = None
+        self,
+        stage: Stage,
+        state: State,
+        direction: Literal["x", "y"],
+        time_step: float,
+        excess_diagonal: str | None = None,
+        divided: bool = False,
+        segmented: bool | None = None,
     ):
         self._state = state
-        self._along_rows = direction == "x"
-        self._span = "row_span" if self._along_rows else "column_span"
-        self._excess = None if excess_diagonal is None else self._lines(excess_diagonal)
-        self._weights = [self._lines(f"{sweep}_weight_{direction}") for sweep in ("forward", "backward")]
+        self._direction = direction
+        self._span = "row_span" if direction == "x" else "column_span"
+        self._weights = [f"{sweep}_weight_{direction}" for sweep in ("forward", "backward")]
         conductance = self._lines(f"conductance_{direction}")
-        inputs = [conductance, self._excess, self._span, time_step]
-        self._elimination = state.record(eliminate_lines, len(conductance), inputs, self._weights)
+        excess = self._lines(excess_diagonal) if excess_diagonal is not None else None
+        self._shape = conductance.shape
+        self._diagonal = None
+        if excess is not None and not divided:
+            self._diagonal = f"line_diagonal_{direction}"
+            shape = state[self._weights[0]].shape
+            stage.add_array(state, ArraySpec(self._diagonal, shape, "real", "diagonal without the lines' exchange"))
+            state[self._diagonal].fill_(1.0)
+        outputs = [*self._weights, self._diagonal]
+        inputs = [conductance, excess, self._span, time_step]
+        self._elimination = [state.record(eliminate_lines, self._shape[0], inputs, outputs)]
+        self._segments = None
+        if state.device.is_cuda if segmented is None else segmented:
+            from leafwarp.sim.fluid.segments import Segments
+
+            self._segments = Segments(stage, state, direction, self._shape)
+            self._elimination.append(self._segments.record_products(self._weights, self._span))
+        elif direction == "x" and "swept" not in state:
+            # A CPU runs one thread after another.
+            shape = (1, *state["forward_weight_x"].shape[1:])
+            stage.add_array(state, ArraySpec("swept", shape, "real", "contents between the two sweeps along rows"))
         self.eliminate()
 
     def eliminate(self) -> None:
         """Make the weights of the sweeps anew, after the excess of the diagonal has changed."""
-        self._elimination.run()
+        for command in self._elimination:
+            command.run()
 
-    def record(self, right_side: str, solution: str, divided: bool = False) -> Command:
+    def record(self, right_side: str, solution: str) -> list[Command]:
         """Record the solve of every line, from one array of the state to another or in place.
 
         Args:
-            right_side: Array of the systems' right sides.
-            solution: Array to write.
-            divided: The right sides are divided by 1 and the excess of the diagonal already.
+            right_side: Array of the systems' right sides; padded.
+            solution: Array to write; padded.
         """
-        target = self._lines(solution)
-        excess = None if divided else self._excess
-        inputs = [*self._weights, excess, self._span, self._lines(right_side)]
-        return self._state.record(solve_lines, len(target), inputs, [target])
+        state = self._state
+        if self._segments is not None:
+            system = [*self._weights, self._diagonal, self._span]
+            return self._segments.record(system, self._lines(right_side), self._lines(solution))
+        along_rows = self._direction == "x"
+        lanes = [None if name is None else state.lanes(name)[:, :, 0] for name in (*self._weights, self._diagonal)]
+        inputs = [*lanes, "row_block_span" if along_rows else "column_block_span"]
+        blocks = len(lanes[0])
+        if along_rows:
+            outputs = [state.lanes("swept")[:, :, 0], state.whole(solution)]
+            return [state.record(solve_distant_lines, blocks, [*inputs, state.whole(right_side)], outputs)]
+        contents, target = (state.lanes(name).transpose((1, 0)) for name in (right_side, solution))
+        return [state.record(solve_adjacent_lines, blocks, [*inputs, contents], [target])]
 
     def _lines(self, name: str) -> wp.array:
         array = self._state[name]
-        return array if self._along_rows else array.transpose((1, 0))
+        return array if self._direction == "x" else array.transpose((1, 0))

@@ -38,14 +38,14 @@ class SplitDiffusion(Stage):
         excess = None
         if self._supply is not None:
             excess = "source_exchange"
-        self._solves = {direction: LineSolves(state, direction, time_step, excess) for direction in "xy"}
-        passes = {d: solve.record("water", "water", divided=True) for d, solve in self._solves.items()}
-        self.commands = self._alone = list(passes.values())
+        self._solves = {direction: LineSolves(self, state, direction, time_step, excess, True) for direction in "xy"}
+        passes = {direction: solve.record("water", "water") for direction, solve in self._solves.items()}
+        self.commands = self._alone = [*passes["x"], *passes["y"]]
         if self._supply is not None:
             self.commands = []
-            for direction, command in passes.items():
+            for direction, solve in passes.items():
                 fill, count = self._supply.record(state, direction)
-                self.commands += [fill, command, count]
+                self.commands += [fill, *solve, count]
 
     def run(self, interval: Interval | None = None) -> None:
         commands = self.commands

@@ -7,10 +7,12 @@ import numpy as np
 from leafwarp.errors import InputError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
+from leafwarp.sim.fluid.spans import line_spans
 from leafwarp.sim.fluid.steps import FluidSteps
 from leafwarp.sim.launch import ArraySpec, State
 from leafwarp.sim.stage import Stage
-from leafwarp_kernels.transpiration import transpire, transpire_with_closure
+from leafwarp_kernels.lanes import LANES
+from leafwarp_kernels.transpiration import transpire, transpire_lanes, transpire_with_closure
 
 # A rate above this empties any cell in any step that can be computed; float32 holds its product with a step.
 MAXIMUM_RATE = 1e15
@@ -37,7 +39,7 @@ class Transpiration(Stage):
         self._step = FluidSteps.of(scene).length
         arrays = [ArraySpec("transpired_by_row", (rows,), "float64", "content transpired from each row of cells")]
         if self._stomatal:
-            arrays.append(ArraySpec("stomatal_rate", leaf.mask.shape, "real", "loss through stomata [1/s]"))
+            arrays.append(ArraySpec("stomatal_rate", leaf.mask.shape, "real", "loss by stomata [1/s]", padded=True))
             if not leaf.maps["stomata"][leaf.mask].sum() > 0.0:
                 raise InputError(
                     "maps.stomata: the map is 0 on the whole leaf; accepted: a map with stomata, or "
@@ -61,7 +63,15 @@ class Transpiration(Stage):
         cuticle, outputs = min(table.cuticle_rate, MAXIMUM_RATE), ["water", "transpired_by_row"]
         if self._closure is None:
             stomatal = "stomatal_rate" if self._stomatal else None
-            self.commands = [state.record(transpire, mask.shape[0], [cuticle, stomatal, self._step], outputs)]
+            if state.device.is_cuda:
+                self.commands = [state.record(transpire, mask.shape[0], [cuticle, stomatal, self._step], outputs)]
+                return
+            span = line_spans(mask)
+            self.add_array(state, ArraySpec("transpiring_span", span.shape, "int32", "blocks of cells of each row"))
+            state.upload("transpiring_span", np.stack([span[:, 0] // LANES, -(-span[:, 1] // LANES)], axis=1))
+            inputs = [cuticle, stomatal and state.lanes(stomatal), "transpiring_span", self._step]
+            outputs = [state.lanes("water"), "transpired_by_row"]
+            self.commands = [state.record(transpire_lanes, mask.shape[0], inputs, outputs)]
             return
         contents, openings = np.array(self._closure).T
         state.upload("closure_water", contents)

@@ -72,10 +72,12 @@ class UnsplitDiffusion(Stage):
             *line_arrays(shape),
             ArraySpec("diagonal_x", shape, "real", "diagonal of the exchange along rows in a step"),
             ArraySpec("diagonal_y", shape, "real", "diagonal of the exchange along columns in a step"),
-            ArraySpec("unsplit_residual", shape, "real", "residual of the step's system"),
+            ArraySpec("unsplit_residual", shape, "real", "residual of the step's system", padded=True),
             ArraySpec("unsplit_direction", shape, "real", "search direction"),
-            ArraySpec("unsplit_row_solution", shape, "real", "residual solved along rows; then the system's image"),
-            ArraySpec("unsplit_column_solution", shape, "real", "residual solved along columns"),
+            ArraySpec(
+                "unsplit_row_solution", shape, "real", "residual solved along rows; the system's image", padded=True
+            ),
+            ArraySpec("unsplit_column_solution", shape, "real", "residual solved along columns", padded=True),
             ArraySpec("unsplit_row_sum", (4, shape[0]), "float64", "sums of each row of cells"),
             ArraySpec("unsplit_solver", (SLOT_COUNT,), "float64", "numbers of the conjugate gradients"),
             ArraySpec("unsplit_shift", (1,), "float64", "error of the mean content"),
@@ -96,12 +98,12 @@ class UnsplitDiffusion(Stage):
             exchange = "source_exchange"
         self._diagonals = state.record(direction_diagonals, shape, [*faces, exchange, time_step], diagonals)
         self._diagonals.run()
-        rows_solve = LineSolves(state, "x", time_step, "diagonal_y")
-        columns_solve = LineSolves(state, "y", time_step, "diagonal_x")
+        rows_solve = LineSolves(self, state, "x", time_step, "diagonal_y")
+        columns_solve = LineSolves(self, state, "y", time_step, "diagonal_x")
         self._solves = (rows_solve, columns_solve)
         precondition = [
-            rows_solve.record("unsplit_residual", "unsplit_row_solution"),
-            columns_solve.record("unsplit_residual", "unsplit_column_solution"),
+            *rows_solve.record("unsplit_residual", "unsplit_row_solution"),
+            *columns_solve.record("unsplit_residual", "unsplit_column_solution"),
         ]
         start = self._record_start(state, [*faces, *diagonals, "row_span", time_step])
         search, advance = self._record_iteration(state, [*faces, "row_span", time_step])

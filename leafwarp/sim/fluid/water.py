@@ -29,9 +29,9 @@ class Water(Stage):
         super().__init__(scene, leaf)
         shape = leaf.mask.shape
         self.arrays = (
-            ArraySpec("water", shape, "real", "relative water content after the last fluid step"),
-            ArraySpec("water_before", shape, "real", "relative water content before the last fluid step"),
-            ArraySpec("water_now", shape, "real", "relative water content at the frame"),
+            ArraySpec("water", shape, "real", "relative water content after the last fluid step", padded=True),
+            ArraySpec("water_before", shape, "real", "relative water content before the last fluid step", padded=True),
+            ArraySpec("water_now", shape, "real", "relative water content at the frame", padded=True),
         )
 
     def bind(self, state: State) -> None:
@@ -39,12 +39,12 @@ class Water(Stage):
         for name in ("water", "water_before", "water_now"):
             state.upload(name, content)
         self._state = state
-        inputs = ["water_before", "water", 1.0]
-        self.commands = [state.record(interpolate_water, self.leaf.mask.shape, inputs, ["water_now"])]
+        before, water, now = (state.lanes(name) for name in ("water_before", "water", "water_now"))
+        self.commands = [state.record(interpolate_water, now.shape, [before, water, 1.0], [now])]
 
     def keep(self) -> None:
         """Remember the water before the next step."""
-        wp.copy(self._state["water_before"], self._state["water"])
+        wp.copy(self._state.whole("water_before"), self._state.whole("water"))
 
     def blend(self, share: float) -> None:
         """Set ``water_now`` to the moment when this share of the last step has passed."""
