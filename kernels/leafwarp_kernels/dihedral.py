@@ -18,6 +18,8 @@ from typing import Any
 
 import warp as wp
 
+from leafwarp_kernels.lanes import LANES
+
 
 @wp.func
 def angle_between(sine: Any, cosine: Any):
@@ -89,3 +91,39 @@ def reachable(rest_angle: Any):
     """A rest angle within +-pi: two triangles that lie on each other cannot close any further."""
     half_turn = type(rest_angle)(3.141592653589793)
     return wp.clamp(rest_angle, -half_turn, half_turn)
+
+
+@wp.func
+def lane_angle_between(sine: Any, cosine: Any):
+    """:func:`angle_between` in each lane."""
+    tangent = wp.cw_div(sine, cosine)
+    square = -wp.cw_mul(tangent, tangent)
+    series = series_term(square, 13) + wp.cw_mul(square, series_term(square, 15))
+    for term in range(5):
+        series = series_term(square, 11 - 2 * term) + wp.cw_mul(square, series)
+    angle = tangent + wp.cw_mul(wp.cw_mul(tangent, square), series)
+    for lane in range(LANES):
+        if not (cosine[lane] > type(sine[lane])(8.0) * wp.abs(sine[lane])):
+            angle[lane] = wp.atan2(sine[lane], cosine[lane])
+    return angle
+
+
+@wp.func
+def series_term(like: Any, odd: wp.int32):
+    """``1 / odd`` in every lane."""
+    return type(like)(type(like[0])(1.0) / type(like[0])(odd))
+
+
+@wp.func
+def lane_continued(angle: Any, before: Any):
+    """:func:`continued` in each lane."""
+    for lane in range(LANES):
+        angle[lane] = continued(angle[lane], before[lane])
+    return angle
+
+
+@wp.func
+def lane_reachable(rest_angle: Any):
+    """:func:`reachable` in each lane."""
+    half_turn = type(rest_angle)(type(rest_angle[0])(3.141592653589793))
+    return wp.min(wp.max(rest_angle, -half_turn), half_turn)

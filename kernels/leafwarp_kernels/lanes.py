@@ -8,8 +8,34 @@ same with neighbouring threads; the scalar kernels are for it.
 A block is 32 neighbours. What is kept for each of them lies block by block, in an array of such vectors.
 """
 
+from typing import Any
+
 import warp as wp
 
 LANES = 32
 
 Lanes = wp.types.vector(length=LANES, dtype=wp.Float)
+
+
+@wp.func
+def lane_sqrt(a: Any):
+    """Square root of each lane."""
+    root = type(a)()
+    for lane in range(LANES):
+        root[lane] = wp.sqrt(a[lane])
+    return root
+
+
+@wp.func
+def lane_dot(ax: Any, ay: Any, az: Any, bx: Any, by: Any, bz: Any):
+    """Scalar product of two 3-vectors in each lane."""
+    return wp.cw_mul(ax, bx) + wp.cw_mul(ay, by) + wp.cw_mul(az, bz)
+
+
+@wp.func
+def lane_cross(ax: Any, ay: Any, az: Any, bx: Any, by: Any, bz: Any):
+    """Vector product of two 3-vectors in each lane."""
+    x = wp.cw_mul(ay, bz) - wp.cw_mul(az, by)
+    y = wp.cw_mul(az, bx) - wp.cw_mul(ax, bz)
+    z = wp.cw_mul(ax, by) - wp.cw_mul(ay, bx)
+    return x, y, z

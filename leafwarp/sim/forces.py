@@ -10,8 +10,8 @@ import warp as wp
 from leafwarp.leaf.leaf import Leaf, LeafMesh
 from leafwarp.scene import Scene
 from leafwarp.sim import material
-from leafwarp.sim.adjacency import vertex_to_slots
-from leafwarp.sim.launch import ArraySpec, State
+from leafwarp.sim.adjacency import lane_corners, lane_places, vertex_to_slots
+from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.stage import Stage
 from leafwarp_kernels import (
     angular_springs,
@@ -21,6 +21,7 @@ from leafwarp_kernels import (
     integration,
     paper_bending,
 )
+from leafwarp_kernels.lanes import LANES
 
 
 def vertex_arrays(mesh: LeafMesh) -> tuple[ArraySpec, ...]:
@@ -39,8 +40,8 @@ def edge_arrays(mesh: LeafMesh) -> tuple[ArraySpec, ...]:
     """The edge springs, and those of every vertex."""
     vertices, edges = mesh.vertex_count, mesh.edge_count
     return (
-        ArraySpec("edge_rest_length", (edges,), "real", "rest length of each edge spring [m]"),
-        ArraySpec("edge_stiffness", (edges,), "real", "stiffness of each edge spring [N/m]"),
+        ArraySpec("edge_rest_length", (edges,), "real", "rest length of each edge spring [m]", padded=True),
+        ArraySpec("edge_stiffness", (edges,), "real", "stiffness of each edge spring [N/m]", padded=True),
         *edge_tables(vertices, edges),
     )
 
@@ -59,8 +60,8 @@ def hinge_arrays(mesh: LeafMesh) -> tuple[ArraySpec, ...]:
     """The angular springs, and those of every vertex."""
     vertices, hinges = mesh.vertex_count, mesh.hinge_count
     return (
-        ArraySpec("hinge_rest_angle", (hinges,), "real", "rest angle of each angular spring [rad]"),
-        ArraySpec("hinge_stiffness", (hinges,), "real", "stiffness of each angular spring [N m/rad]"),
+        ArraySpec("hinge_rest_angle", (hinges,), "real", "rest angle of each angular spring [rad]", padded=True),
+        ArraySpec("hinge_stiffness", (hinges,), "real", "stiffness of each angular spring [N m/rad]", padded=True),
         *hinge_tables(vertices, hinges),
     )
 
@@ -68,7 +69,7 @@ def hinge_arrays(mesh: LeafMesh) -> tuple[ArraySpec, ...]:
 def hinge_tables(vertices: int, hinges: int) -> tuple[ArraySpec, ...]:
     """Which vertices the hinges have, and which hinges the vertices have."""
     return (
-        ArraySpec("hinge_angle", (hinges,), "real", "angle of each angular spring, continued in time [rad]"),
+        ArraySpec("hinge_angle", (hinges,), "real", "angle of each angular spring, continued in time [rad]", padded=True),
         ArraySpec("hinge_vertices", (hinges, 4), "int32", "vertices of each hinge: edge a, b, opposite c, d"),
         ArraySpec("vertex_hinge_start", (vertices + 1,), "int32", "where each vertex's hinge forces start"),
         ArraySpec("vertex_hinge_slots", (4 * hinges,), "int32", "places of the forces on each vertex"),
@@ -135,6 +136,9 @@ class EdgeSprings(Stage):
 
     def bind(self, state: State) -> None:
         fill_edges(self.scene, self.leaf, state)
+        if not state.device.is_cuda:
+            self.commands = self._record_lanes(state)
+            return
         self.commands = [
             state.record(
                 edge_springs.edge_spring_forces,
@@ -153,6 +157,35 @@ class EdgeSprings(Stage):
             )
         ]
 
+    def _record_lanes(self, state: State) -> list[Command]:
+        """The launches for a CPU: the forces of blocks of edges, then their sums."""
+        mesh = self.leaf.mesh
+        ends = lane_corners(mesh.edges)
+        start, slots = vertex_to_slots(mesh.edges, mesh.vertex_count)
+        places = lane_places(slots, 2, 3)
+        places = np.where(slots % 2 == 0, places, -1 - places)
+        force = (len(ends), 3, LANES)
+        self.add_array(state, ArraySpec("edge_ends", ends.shape, "int32", "vertices of each block of edge springs"))
+        self.add_array(state, ArraySpec("vertex_edge_places", places.shape, "int32", "places of each vertex's edges"))
+        self.add_array(state, ArraySpec("edge_force", force, "real", "force of each edge on its first vertex [N]"))
+        state.upload("edge_ends", ends)
+        state.upload("vertex_edge_places", places)
+        springs = [state.lanes("edge_rest_length"), state.lanes("edge_stiffness")]
+        return [
+            state.record(
+                edge_springs.edge_spring_forces_lanes,
+                len(ends),
+                inputs=["position", "velocity", "edge_ends", *springs, "damping_time"],
+                outputs=[state.lanes("edge_force")[:, :, 0]],
+            ),
+            state.record(
+                edge_springs.gather_edge_forces,
+                mesh.vertex_count,
+                inputs=["vertex_edge_start", "vertex_edge_places", state["edge_force"].flatten()],
+                outputs=["force"],
+            ),
+        ]
+
 
 class _Hinges(Stage):
     """What the two kinds of bending share: the hinges, the forces on their vertices, and the sum of these."""
@@ -162,13 +195,18 @@ class _Hinges(Stage):
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
-        force = ArraySpec("hinge_force", (4 * leaf.mesh.hinge_count,), "vector", "forces of each hinge [N]")
-        self.arrays = (force, *hinge_arrays(leaf.mesh))
+        self.arrays = hinge_arrays(leaf.mesh)
 
     def bind(self, state: State) -> None:
-        mesh = self.leaf.mesh
         fill_hinges(self.scene, self.leaf, state)
-        self.commands = [
+        self.commands = self._record(state)
+
+    def _record(self, state: State) -> list[Command]:
+        """The launches: the forces of every hinge, then their sums."""
+        mesh = self.leaf.mesh
+        force = ArraySpec("hinge_force", (4 * mesh.hinge_count,), "vector", "forces of each hinge [N]")
+        self.add_array(state, force)
+        return [
             state.record(
                 self.kernel,
                 mesh.hinge_count,
@@ -202,6 +240,35 @@ class AngularSprings(_Hinges):
     name = "angular_springs"
     purpose = "bending of the hinges toward their rest angles (Alg. 1 and 2, energy gradient)"
     kernel = angular_springs.angular_spring_forces
+
+    def _record(self, state: State) -> list[Command]:
+        if state.device.is_cuda:
+            return super()._record(state)
+        mesh = self.leaf.mesh
+        corners = lane_corners(mesh.hinges)
+        _, slots = vertex_to_slots(mesh.hinges, mesh.vertex_count)
+        places = lane_places(slots, 4, 12)
+        force = (len(corners), 12, LANES)
+        self.add_array(state, ArraySpec("hinge_corners", corners.shape, "int32", "vertices of each block of hinges"))
+        self.add_array(state, ArraySpec("vertex_hinge_places", places.shape, "int32", "places of each vertex's forces"))
+        self.add_array(state, ArraySpec("hinge_force", force, "real", "forces of each hinge [N]"))
+        state.upload("hinge_corners", corners)
+        state.upload("vertex_hinge_places", places)
+        springs = [state.lanes(name) for name in ("hinge_rest_angle", "hinge_stiffness")]
+        return [
+            state.record(
+                angular_springs.angular_spring_forces_lanes,
+                len(corners),
+                inputs=["position", "velocity", "hinge_corners", *springs, "damping_time"],
+                outputs=[state.lanes("hinge_angle"), state.lanes("hinge_force")[:, :, 0]],
+            ),
+            state.record(
+                hinge_gather.gather_hinge_forces_lanes,
+                mesh.vertex_count,
+                inputs=["vertex_hinge_start", "vertex_hinge_places", state["hinge_force"].flatten()],
+                outputs=["force"],
+            ),
+        ]
 
 
 class PaperBending(_Hinges):

@@ -55,12 +55,14 @@ def check_device(device: str) -> str:
         raise InputError(f"--device {device}: no such device; accepted here: {known}") from None
 
 
-def padded_shape(shape: tuple[int, int]) -> tuple[int, int]:
-    """The shape of whole blocks of lanes that holds a map.
+def padded_shape(shape: tuple[int, ...]) -> tuple[int, ...]:
+    """The shape of whole blocks of lanes that holds a list or a map.
 
     The number of blocks in a row is odd: with a power of two the cells of a column would share a few places in the
     processor's cache.
     """
+    if len(shape) == 1:
+        return (LANES * -(-shape[0] // LANES),)
     rows, columns = (-(-count // LANES) for count in shape)
     return LANES * rows, LANES * (columns | 1)
 
@@ -75,7 +77,8 @@ class ArraySpec:
         kind: "real" (the scene's precision), "vector" (3-vector of it), "int32", "bool" or "float64".
         meaning: What it holds, with its unit.
         padded: The array is part of a larger one of whole blocks of lanes, which kernels that work on blocks see
-            (:meth:`State.whole`, :meth:`State.lanes`). Two dimensions only.
+            (:meth:`State.whole`, :meth:`State.lanes`). One or two
+            dimensions.
     """
 
     name: str
@@ -131,7 +134,7 @@ class State:
             raise ValueError(f"array '{spec.name}' is declared twice")
         whole = wp.zeros(spec.allocated_shape, dtype=spec.dtype(self.precision), device=self.device)
         self._whole[spec.name] = whole
-        self._arrays[spec.name] = whole[: spec.shape[0], : spec.shape[1]] if spec.padded else whole
+        self._arrays[spec.name] = whole[tuple(map(slice, spec.shape))] if spec.padded else whole
         self._component[spec.name] = spec.numpy_dtype(self.precision)
 
     def __getitem__(self, name: str) -> wp.array:
