@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.report import mesh_report
 from leafwarp.scene import Scene
+from leafwarp.scene.warnings import MANY_SUBSTEPS
 
 if TYPE_CHECKING:
     from leafwarp.sim.simulation import Simulation
@@ -48,6 +49,9 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
         "fluid_steps": fluid_steps,
         "largest_beta": _largest_beta(simulation),
         "substeps_per_frame": substeps,
+        "substep_seconds": 1.0 / (scene.time.fps * substeps),
+        "motion": scene.motion.method,
+        "warnings": list(scene.warnings),
         "bytes": plan.byte_count,
         "host_bytes": sum(stage.host_bytes for stage in plan.stages),
         "stages": plan.describe(runs),
@@ -75,8 +79,9 @@ def print_plan(report: dict[str, Any]) -> None:
     )
     cells = f"map of {report['map'][0]} x {report['map'][1]} cells, " if report["map"] else "no maps, "
     print(
-        f"{cells}{report['fluid_steps']} fluid steps, {report['substeps_per_frame']} motion substeps in the first "
-        f"frame, {report['precision']} on {report['device']}, {report['bytes'] / 1e6:.2f} MB of arrays"
+        f"{cells}{report['fluid_steps']} fluid steps, {report['substeps_per_frame']} motion substeps of "
+        f"{report['substep_seconds']:.3g} s in the first frame, {report['precision']} on {report['device']}, "
+        f"{report['bytes'] / 1e6:.2f} MB of arrays"
         + (f", {report['host_bytes'] / 1e6:.2f} MB beside them" if report["host_bytes"] else "")
     )
     beta = report["largest_beta"]
@@ -85,6 +90,8 @@ def print_plan(report: dict[str, Any]) -> None:
             f"the split scheme throttles diagonal veins where beta is above about {SPLIT_BETA:g}: here it reaches "
             f"{beta:.3g}; a shorter fluid.step or fluid.scheme = 'unsplit' helps, and tradeoff measures how much"
         )
+    if report["motion"] == "explicit" and report["substeps_per_frame"] > MANY_SUBSTEPS:
+        print("explicit motion wants a soft membrane: motion.method = 'implicit' takes a real leaf's in a step a frame")
     print(f"\n{'stage':<18} {'runs once a':<11} {'launches/frame':>14} {'kB':>8}  what it does")
     for stage in report["stages"]:
         print(

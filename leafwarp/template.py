@@ -16,6 +16,7 @@ from leafwarp.leaf.leaf import Leaf
 TEMPLATE = """\
 # A leaf that dries over a day. Every key and its unit: python -m leafwarp schema
 # A plain number is SI; a string carries its unit. A table that you delete is not modelled and costs nothing.
+# A leaf as a botanist would state it, by its material, the air and its stomata, is offered further down.
 
 [leaf]
 image = {image}
@@ -41,13 +42,14 @@ step = "4 min"               # shorter is more accurate and slower: python -m le
 {lamina_diffusivity}
 {vein_diffusivity}
 
-[transpiration]
-rate = "0.055 1/h"           # share of the saturated leaf's water lost an hour
-cuticle_rate = "0.01 1/h"
-
 [source]                     # water from the twig ...
 conductance = "20 1/h"
 cut_at = "12 h"              # ... until the leaf is picked
+
+# ---- A soft leaf of artistic figures, quick to compute: from here ...
+[transpiration]
+rate = "0.055 1/h"           # share of the saturated leaf's water lost an hour
+cuticle_rate = "0.01 1/h"
 
 [shrink]
 curve = [[1.0, 0.0], [0.1, 0.2]]      # [water, share of the length lost]
@@ -69,6 +71,31 @@ water_mass = 0.20            # kg/m^2
 [motion]
 # gravity = [0.0, 0.0, -0.01] # m/s^2, z up; scaled down with the soft bending stiffness
 drag = 4.0                   # 1/s
+# ---- ... to here. For a real leaf, in SI units: delete what lies between these two lines, and take away one "# " from
+# ---- each line of what follows.
+# [material]
+# preset = "tree"            # or herb, waxy, grass; the figures below hold instead of the preset's where they are given
+# # thickness = "0.2 mm"     # lamina; every key and its unit: python -m leafwarp schema
+# # lamina_modulus = "50 MPa"
+# # dry_mass = "80 g/m2"
+# # saturated_water = "120 g/m2"
+# # osmotic_potential = "1.5 MPa"      # it and the next set where turgor is lost: at the water content 1 - 1.5 / 12
+# # bulk_modulus = "12 MPa"
+#
+# [air]
+# temperature = "24 degC"
+# relative_humidity = "50 %"           # or vapour_pressure_deficit = "1.5 kPa"
+#
+# [stomata]
+# open_conductance = "150 mmol/m2/s"
+# minimum_conductance = "5 mmol/m2/s"  # what the cuticle lets through
+#
+# [motion]
+# method = "implicit"        # takes a real leaf's stiffness; so does quasistatic, without swinging
+# gravity = [0.0, 0.0, -9.81]
+# clamp = true               # the petiole is held in its direction
+# settle = true              # the film starts with the leaf at rest under its weight
+# ---- The end of the leaf in SI units.
 
 [output]
 contact_sheet = true

@@ -16,6 +16,9 @@ from leafwarp.cli import main
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.scene.file import load_scene
+from leafwarp.scene.material import MaterialTable
+from leafwarp.scene.presets import PRESETS
+from leafwarp.sim.simulation import Simulation
 from test_cli import refused
 
 FEW = {"mesh.vertices": 120, "maps.size": 32, "time.frames": 4, "output.contact_sheet": False}
@@ -55,8 +58,19 @@ def test_comments_say_what_was_found(folder: Path, leaf: Leaf) -> None:
     np.testing.assert_allclose(base, (100.0, 302.0), atol=6.0)  # where conftest draws the petiole's end
 
 
+def in_si_units(text: str, figures: bool = False) -> str:
+    """The scene with its leaf in SI units in place of the soft one, on request with the material's figures."""
+    before, _, soft = text.partition("# ---- A soft leaf")
+    _, _, rest = soft.partition("# ---- each line of what follows.\n")
+    block, _, after = rest.partition("# ---- The end of the leaf in SI units.\n")
+    block = re.sub(r"^# ?", "", block, flags=re.MULTILINE)
+    return before + (re.sub(r"^# ", "", block, flags=re.MULTILINE) if figures else block) + after
+
+
 def uncommented(text: str) -> list[str]:
-    """Every line of a scene that is a key in a comment, without its sign."""
+    """Every line of a scene that is a key in a comment of its table, without its sign."""
+    before, _, rest = text.partition("# ---- ... to here.")
+    text = before + rest.partition("# ---- The end of the leaf in SI units.")[2]
     return [line.removeprefix("# ") for line in text.splitlines() if re.match(r"# [a-z_]+ = ", line)]
 
 
@@ -73,6 +87,29 @@ def test_every_override_is_accepted_when_it_is_uncommented(folder: Path) -> None
         held = next(getattr(table, key) for table in tables if key in type(table).model_fields)
         assert held == (tuple(value) if isinstance(value, list) else folder / value if key == "mask" else held)
         changed.unlink()
+
+
+@pytest.mark.parametrize("preset", PRESETS)
+def test_the_leaf_in_si_units_runs_when_it_is_uncommented(folder: Path, leaf: Leaf, preset: str) -> None:
+    changed = folder / "changed.toml"
+    changed.write_text(in_si_units((folder / "mine.toml").read_text()))
+    scene = load_scene(changed, [f"material.preset={preset}"])
+    changed.unlink()
+    assert scene.warnings == ()
+    assert scene.material == MaterialTable(preset=preset)
+    assert (scene.motion.method, scene.motion.settle) == ("implicit", True)
+    assert scene.transpiration.closure == scene.material.turgor
+    scene = scene.with_changes(FEW | {"time.duration": "48 h"})
+    frames = list(Simulation(scene, prepare_scene_leaf(scene, None)).frames())
+    assert frames[-1].water.mean() < 0.5 * frames[0].water.mean()
+    assert np.isfinite(frames[-1].points).all()
+
+
+def test_the_figures_offered_for_a_material_are_those_of_its_preset(folder: Path) -> None:
+    tables = tomllib.loads(in_si_units((folder / "mine.toml").read_text(), figures=True))
+    figures = tables["material"]
+    assert len(figures) > 5
+    assert MaterialTable(**figures).model_dump() == pytest.approx(MaterialTable(preset=figures["preset"]).model_dump())
 
 
 @pytest.mark.parametrize("key", ["base", "rect"])
@@ -119,8 +156,6 @@ def test_maps_of_a_run_never_replace_those_of_its_scene(folder: Path, capsys) ->
 
 def final_shape(scene_file: Path) -> np.ndarray:
     """Points of the last frame over the leaf's length, shape [vertex_count, 3], with a mesh and maps kept small."""
-    from leafwarp.sim.simulation import Simulation
-
     scene = load_scene(scene_file).with_changes(FEW | {"time.frames": 24})  # a second, in which it can curl
     leaf = prepare_scene_leaf(scene, None)
     return list(Simulation(scene, leaf).frames())[-1].points / leaf.length

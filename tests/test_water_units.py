@@ -100,6 +100,15 @@ def test_closure_is_proportional_to_turgor_by_default(tmp_path: Path) -> None:
         ("2e-10 m²/s", "diffusivity", 2e-10),
         ("450 g m-2", "mass per area", 0.45),
         ("65 %", "fraction", 0.65),
+        ("0.65", "fraction", 0.65),
+        ("20 1/h", "rate", 20.0 / 3600.0),
+        ("20 /h", "rate", 20.0 / 3600.0),
+        ("20/h", "rate", 20.0 / 3600.0),
+        ("1/h", "rate", 1.0 / 3600.0),
+        ("20 h^-1", "rate", 20.0 / 3600.0),
+        ("20 h-1", "rate", 20.0 / 3600.0),
+        ("20 h⁻¹", "rate", 20.0 / 3600.0),
+        ("2e-3 s^-1", "rate", 2e-3),
     ],
 )
 def test_units_as_they_are_written(text: str, dimension: str, value: float) -> None:
@@ -110,6 +119,12 @@ def test_units_as_they_are_written(text: str, dimension: str, value: float) -> N
 def test_what_is_no_conductance_is_refused(text: str) -> None:
     with pytest.raises(ValueError, match=r"accepted: a number .* mmol/m2/s"):
         parse_quantity(text, "conductance")
+
+
+@pytest.mark.parametrize("value", ["20 h", "20 h^-2", "20 //h", "h^-1", "", True, [20], None])
+def test_what_is_no_rate_is_refused(value: object) -> None:
+    with pytest.raises(ValueError, match=r"^accepted: a number \[1/s\], or a number and one of 1/s, 1/min, 1/h, 1/d$"):
+        parse_quantity(value, "rate")
 
 
 @pytest.mark.parametrize(
@@ -127,7 +142,7 @@ def test_what_is_no_conductance_is_refused(text: str) -> None:
         (["stomata.open_conductance=-0.2"], ["stomata.open_conductance = -0.2: accepted: 0 to 100 mol/m2/s"]),
         (["stomata.open_conductance=200"], ["stomata.open_conductance = 200: accepted: 0 to 100 mol/m2/s"]),
         ([OPEN, "stomata.minimum_conductance=0.04"], ["stomata", "0.04 is more than open_conductance 0.03"]),
-        ([OPEN, "stomata.closure=[[0.8, 0.0], [1.0, 1.2]]"], ["stomata.closure", "an opening of 1.2 is not in [0, 1]"]),
+        ([OPEN, "stomata.closure=[[0.8, 0.0], [1.0, 1.2]]"], ["stomata.closure[1][1] = 1.2: accepted: 0 to 1"]),
         ([DRYNESS], ["[air] needs [stomata]"]),
         ([OPEN, CLOSURE], ["[stomata] needs [air]"]),
         ([DRYNESS, OPEN], ["stomata.closure: missing", "[material]"]),
@@ -135,6 +150,7 @@ def test_what_is_no_conductance_is_refused(text: str) -> None:
         ([DRYNESS, OPEN, CLOSURE, "structure.water_mass=0.0"], ["structure.water_mass above 0"]),
         (["source.conductance=1e-3", "source.rewatered_at='1 h'"], ["rewatered_at = 3600 s", "no cut_at is given"]),
         (["source={conductance=1e-3, cut_at='2 h', rewatered_at='1 h'}"], ["cut_at is 7200 s", "a time after cut_at"]),
+        (["source={conductance=1e-3, cut_at='1 h', rewatered_at='1 h'}"], ["cut_at is 3600 s", "a time after cut_at"]),
     ],
 )
 def test_bad_input_is_one_line(tmp_path: Path, changes: list[str], words: list[str]) -> None:
@@ -151,6 +167,18 @@ def test_conductances_need_water_that_flows(tmp_path: Path) -> None:
     path.write_text(BASE.replace("[fluid]", "[water]\ncurve = [[0.0, 1.0]]"))
     with pytest.raises(InputError, match=r"\[stomata\] needs \[fluid\]"):
         load_scene(path, [DRYNESS, OPEN, CLOSURE])
+
+
+def test_what_the_drying_takes_for_granted_is_said(tmp_path: Path) -> None:
+    (air,) = make_scene(tmp_path, "air.relative_humidity=0.6", OPEN, CLOSURE).warnings
+    assert air.startswith("air.temperature: not given; 298.15 K is taken, at which a relative humidity of 0.6 is")
+    assert "1267 Pa" in air  # 0.4 of 3168.5 Pa
+    # A deficit says it all: the rates do not depend on the temperature.
+    known = make_scene(tmp_path, DRYNESS, OPEN, CLOSURE)
+    assert known.warnings == ()
+    assert known.transpiration == make_scene(tmp_path, DRYNESS, AIR, OPEN, CLOSURE).transpiration
+    (water,) = make_scene(tmp_path, "structure={membrane_stiffness=6.0}", DRYNESS, OPEN, CLOSURE).warnings
+    assert water.startswith("structure.water_mass: not given; 0.25 kg/m2 of water are taken for the saturated leaf")
 
 
 @pytest.mark.parametrize(

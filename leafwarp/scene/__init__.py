@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from pydantic import Field, model_validator
+from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from leafwarp.errors import InputError
 from leafwarp.scene.derived import derived_tables
-from leafwarp.scene.fields import Curve, Table, varies
+from leafwarp.scene.explain import explain
+from leafwarp.scene.fields import Curve, Table, plain_number, varies
 from leafwarp.scene.leaf import LeafTable, MapsTable, MeshTable
 from leafwarp.scene.material import MaterialTable
 from leafwarp.scene.running import OutputTable, SolverTable, TimeTable
@@ -46,6 +47,7 @@ class Scene(Table):
     motion: MotionTable = MotionTable()
     solver: SolverTable = SolverTable()
     output: OutputTable = OutputTable()
+    _where: str = PrivateAttr("")  # what messages call the scene
 
     @model_validator(mode="after")
     def _derived(self) -> Scene:
@@ -62,10 +64,10 @@ class Scene(Table):
                     raise ValueError(f"[{table}] needs [fluid]: with [water] the water is prescribed")
         if self.shrinks:
             lost = max(1.0, self.shrink.along_veins) * max(value for _, value in self.shrink.curve)
-            if lost > MOST_SHRINK:
+            if lost > MOST_SHRINK * (1.0 + 1e-12):  # along_veins is a quotient, of [material]
                 raise ValueError(
-                    f"shrink.along_veins = {self.shrink.along_veins:g}: the leaf would lose {lost:.0%} of its length "
-                    f"along the veins; accepted: at most {MOST_SHRINK:.0%}"
+                    f"{self._shown('shrink', 'along_veins')}: the leaf would lose {lost:.0%} of its length along the "
+                    f"veins; accepted: at most {MOST_SHRINK:.0%}"
                 )
         if self.curl is not None and not self.has_angular_springs:
             raise ValueError("[curl] needs structure.bending_stiffness: without angular springs nothing can curl")
@@ -88,6 +90,14 @@ class Scene(Table):
             if name in self.maps.model_fields_set and name not in self.map_names:
                 raise ValueError(f"maps.{name} is given, but nothing in this scene depends on that map")
         return self
+
+    def _shown(self, table: str, key: str) -> str:
+        """A key and its number; where it is not given, with the keys of [material] that it follows from."""
+        values = getattr(self, table)
+        shown = f"{table}.{key} = {plain_number(getattr(values, key))}"
+        if self.material is None or key in values.model_fields_set:
+            return shown
+        return f"{shown} (from {self.material.sources(f'{table}.{key}')})"
 
     @property
     def water_flows(self) -> bool:
@@ -153,9 +163,9 @@ class Scene(Table):
     @property
     def warnings(self) -> tuple[str, ...]:
         """What is accepted but unusual, one line each."""
-        from leafwarp.scene.warnings import unusual_values
+        from leafwarp.scene.warnings import warnings_of
 
-        return unusual_values(self)
+        return warnings_of(self)
 
     @property
     def map_names(self) -> tuple[str, ...]:
@@ -169,16 +179,44 @@ class Scene(Table):
         }
         return tuple(name for name, is_wanted in wanted.items() if is_wanted)
 
+    @classmethod
+    def checked(cls, data: Mapping[str, Any], where: str) -> Scene:
+        """The scene of nested tables, or one line that says what is wrong with them.
+
+        Args:
+            data: Tables and keys as in a scene file.
+            where: What messages call the scene, usually its file's name; empty: the scene's own name.
+
+        Raises:
+            InputError: With key, value and what is accepted.
+        """
+        try:
+            scene = cls.model_validate(data)
+        except ValidationError as error:
+            raise InputError(f"{where or data.get('name', 'scene')}: {explain(error, cls)}") from None
+        scene._where = where
+        return scene
+
     def with_changes(self, changes: Mapping[str, Any]) -> Scene:
-        """A copy with other values, keys dotted: ``scene.with_changes({"maps.size": 128, "fluid.step": 30.0})``."""
+        """A copy with other values, keys dotted: ``scene.with_changes({"maps.size": 128, "fluid.step": 30.0})``.
+
+        Raises:
+            InputError: With key, value and what is accepted.
+        """
         data = self.model_dump(exclude_unset=True)
         for key, value in changes.items():
             put_value(data, key, value)
-        return Scene.model_validate(data)
+        return Scene.checked(data, self._where)
 
 
-def put_value(data: dict[str, Any], key: str, value: Any) -> None:
+def put_value(data: dict[str, Any], key: str, value: Any, where: str = "") -> None:
     """Set a dotted key in nested tables.
+
+    Args:
+        data: The tables, changed in place.
+        key: The key.
+        value: Its new value.
+        where: What a message calls the place that the key comes from.
 
     Raises:
         InputError: A part of the key is a value already, not a table.
@@ -187,5 +225,5 @@ def put_value(data: dict[str, Any], key: str, value: Any) -> None:
     for name in tables:
         data = data.setdefault(name, {})
         if not isinstance(data, dict):
-            raise InputError(f"--set {key}: '{name}' is a value, not a table")
+            raise InputError(f"{where}{key}: '{name}' is a value, not a table; accepted: table.key")
     data[last] = value

@@ -4,12 +4,15 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from leafwarp.scene.fields import Table
+from pydantic import ValidationError
+
+from leafwarp.scene.fields import Table, plain_number
 from leafwarp.scene.structure import CurlTable, ShrinkTable
 from leafwarp.scene.water import TranspirationTable
 
 if TYPE_CHECKING:
     from leafwarp.scene import Scene
+    from leafwarp.scene.material import MaterialTable
 
 MOLAR_MASS_OF_WATER = 0.018015  # [kg/mol]
 
@@ -25,9 +28,10 @@ def derived_tables(scene: Scene) -> dict[str, Table | None]:
     tables: dict[str, Table | None] = {}
     structure = scene.structure
     if scene.material is not None:
-        structure = structure.filled(**scene.material.structure())
-        tables["shrink"] = (scene.shrink or ShrinkTable()).filled(**scene.material.shrink())
-        tables["curl"] = (scene.curl or CurlTable()).filled(**scene.material.curl())
+        material = scene.material
+        structure = _filled("structure", structure, material)
+        tables["shrink"] = _filled("shrink", scene.shrink or ShrinkTable(), material)
+        tables["curl"] = _filled("curl", scene.curl or CurlTable(), material)
         if structure.bending_stiffness == 0.0 and scene.curl is None:
             tables["curl"] = None
         tables["motion"] = scene.motion.filled(method="implicit")
@@ -45,6 +49,22 @@ def derived_tables(scene: Scene) -> dict[str, Table | None]:
     if scene.stomata is not None or scene.air is not None:
         tables["transpiration"] = _transpiration(scene, tables["structure"].water_mass)
     return tables
+
+
+def _filled(name: str, table: Table, material: MaterialTable) -> Table:
+    """A table of the scene with what follows from the material, if that is within the bounds of each key it fills."""
+    values = getattr(material, name)()
+    filled = table.filled(**values)
+    for key, value in values.items():
+        try:
+            if getattr(filled, key) is value:
+                type(table).model_validate({key: value})
+        except ValidationError as error:
+            accepted = error.errors()[0]["msg"].removeprefix("Value error, ")
+            raise ValueError(
+                f"{material.sources(f'{name}.{key}')}: they make {name}.{key} = {plain_number(value)}; {accepted}"
+            ) from None
+    return filled
 
 
 def _in_double_precision(scene: Scene) -> Table:

@@ -2,12 +2,78 @@
 
 from __future__ import annotations
 
+import copy
+import math
+from dataclasses import dataclass
 from typing import Annotated, Any, Self
 
 import numpy as np
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, Strict
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetCoreSchemaHandler,
+    GetJsonSchemaHandler,
+    Strict,
+)
+from pydantic_core.core_schema import CoreSchema, no_info_after_validator_function
 
 from leafwarp.quantity import quantity
+
+
+def plain_number(value: float) -> str:
+    """A number as a person writes it: 1e-6, not 1e-06."""
+    if isinstance(value, int):
+        return str(value)
+    return f"{value:g}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """The rule that a number, in SI, lies between two bounds; its refusal and the JSON Schema say them.
+
+    Attributes:
+        low: Smallest accepted value.
+        high: Largest accepted value; infinite for none.
+        unit: Unit of both; empty for a plain number.
+        hint: What a refusal adds.
+        above: Whether ``low`` itself is not accepted.
+    """
+
+    low: float
+    high: float = math.inf
+    unit: str = ""
+    hint: str = ""
+    above: bool = False
+
+    @property
+    def accepted(self) -> str:
+        """The rule in words."""
+        low, high = plain_number(self.low), plain_number(self.high)
+        if self.above:
+            numbers = f"above {low}" + (f", to {high}" if math.isfinite(self.high) else "")
+        else:
+            numbers = f"{low} to {high}" if math.isfinite(self.high) else f"{low} or more"
+        return "; ".join(filter(None, [f"accepted: {numbers} {self.unit}".rstrip(), self.hint]))
+
+    def _check(self, value: float) -> float:
+        if not self.low <= value <= self.high or (self.above and value == self.low):
+            raise ValueError(self.accepted)
+        return value
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: GetCoreSchemaHandler) -> CoreSchema:
+        return no_info_after_validator_function(self._check, handler(source))
+
+    def __get_pydantic_json_schema__(self, schema: CoreSchema, handler: GetJsonSchemaHandler) -> dict[str, Any]:
+        described = copy.deepcopy(handler(schema))
+        for alternative in described.get("anyOf", [described]):
+            if alternative["type"] in ("number", "integer"):
+                alternative["exclusiveMinimum" if self.above else "minimum"] = self.low
+                if math.isfinite(self.high):
+                    alternative["maximum"] = self.high
+        return described
+
 
 Time = quantity("time")
 Length = quantity("length")
@@ -21,27 +87,30 @@ MassPerArea = quantity("mass per area")
 Integer = Annotated[int, Strict()]
 Switch = Annotated[bool, Strict()]
 Number = Annotated[float, Strict()]
-Share = Annotated[Number, Field(ge=0.0, le=1.0)]
+Share = Annotated[Fraction, Bounds(0.0, 1.0)]
 # Far beyond any leaf, and well within single precision.
-Component = Annotated[Number, Field(ge=-1e9, le=1e9)]
+Component = Annotated[Number, Bounds(-1e9, 1e9)]
 Vector = tuple[Component, Component, Component]
 
 
-def _sorted_curve(points: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+# Piecewise linear in the relative water content y, constant beyond its ends.
+Curve = tuple[tuple[float, float], ...]
+
+
+def _sorted_curve(points: Curve) -> Curve:
     points = tuple(sorted(points))
-    contents = [y for y, _ in points]
-    if contents[0] < 0.0 or contents[-1] > 1.0:
-        raise ValueError("the first number of each pair is a relative water content in [0, 1]")
-    if len(set(contents)) < len(contents):
+    if len({y for y, _ in points}) < len(points):
         raise ValueError("two points have the same water content")
     return points
 
 
-# Piecewise linear in the relative water content y, constant beyond its ends.
-Curve = Annotated[tuple[tuple[Number, Number], ...], Field(min_length=1, max_length=64), AfterValidator(_sorted_curve)]
+def curve_within(low: float, high: float) -> Any:
+    """The type of a response curve of the relative water content, whose values lie between two bounds."""
+    point = tuple[Share, Annotated[Fraction, Bounds(low, high)]]
+    return Annotated[tuple[point, ...], Field(min_length=1, max_length=64), AfterValidator(_sorted_curve)]
 
 
-def product(*curves: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
+def product(*curves: Curve) -> Curve:
     """The product of response curves, as a curve through the water contents of all of them.
 
     Exact wherever but one of them changes; elsewhere, at those contents.
@@ -51,38 +120,9 @@ def product(*curves: tuple[tuple[float, float], ...]) -> tuple[tuple[float, floa
     return tuple(zip(contents, np.prod(values, axis=0).tolist(), strict=True))
 
 
-def varies(curve: tuple[tuple[float, float], ...]) -> bool:
+def varies(curve: Curve) -> bool:
     """Whether a response curve is not the same everywhere."""
     return len({value for _, value in curve}) > 1
-
-
-def within(low: float, high: float, what: str) -> AfterValidator:
-    """The rule that all values of a response curve, which a message calls ``what``, lie between two bounds."""
-
-    def check(curve: tuple[tuple[float, float], ...]) -> tuple[tuple[float, float], ...]:
-        for _, value in curve:
-            if not low <= value <= high:
-                raise ValueError(f"{what} {value:g} is not in [{low:g}, {high:g}]")
-        return curve
-
-    return AfterValidator(check)
-
-
-def plain_number(value: float) -> str:
-    """A number as a person writes it: 1e-6, not 1e-06."""
-    return f"{value:g}".replace("e-0", "e-").replace("e+0", "e").replace("e+", "e")
-
-
-def bounded(low: float, high: float, unit: str = "", hint: str = "") -> AfterValidator:
-    """The rule that a number in SI lies between two bounds; its refusal says them, and a hint where there is one."""
-    accepted = " ".join(filter(None, [f"accepted: {plain_number(low)} to {plain_number(high)}", unit]))
-
-    def check(value: float) -> float:
-        if not low <= value <= high:
-            raise ValueError("; ".join(filter(None, [accepted, hint])))
-        return value
-
-    return AfterValidator(check)
 
 
 class Table(BaseModel):
@@ -95,8 +135,8 @@ class Table(BaseModel):
 
         They still count as left out: a scene that is made anew with other values derives them anew.
         """
-        copy = self.model_copy()
+        filled = self.model_copy()
         for key, value in values.items():
             if key not in self.model_fields_set or getattr(self, key) is None:
-                copy.__dict__[key] = value
-        return copy
+                filled.__dict__[key] = value
+        return filled

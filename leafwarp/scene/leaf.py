@@ -7,7 +7,9 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from leafwarp.scene.fields import Component, Integer, Length, Number, Share, Switch, Table
+from leafwarp.scene.fields import Bounds, Component, Fraction, Integer, Length, Number, Share, Switch, Table
+
+Cells = Annotated[Integer, Bounds(1, 8192)]
 
 
 class LeafTable(Table):
@@ -23,25 +25,23 @@ class LeafTable(Table):
     base: tuple[Component, Component] | None = Field(
         None, description="Petiole base [pixel of the photo, x right, y down]; replaces the detection."
     )
-    length: Annotated[Length, Field(ge=1e-4, le=100.0)] | None = Field(
+    length: Annotated[Length, Bounds(1e-4, 100.0, "m")] | None = Field(
         None, description="Distance from the petiole base to the farthest point of the leaf [m]."
     )
-    pixels_per_metre: Number | None = Field(
-        None, ge=1.0, le=1e8, description="Scale of the photo [pixel/m]; instead of length."
+    pixels_per_metre: Annotated[Number, Bounds(1.0, 1e8, "pixel/m")] | None = Field(
+        None, description="Scale of the photo [pixel/m]; instead of length."
     )
     holes: Literal["fill", "keep"] = Field(
         "fill",
         description="fill: holes of the leaf are transparent in its texture; keep: they are holes of the mesh.",
     )
-    camber: Number = Field(
+    camber: Annotated[Fraction, Bounds(0.0, 0.5)] = Field(
         0.01,
-        ge=0.0,
-        le=0.5,
         description="Height of a smooth imperfection of the flat leaf, as a share of its length; it decides which way "
         "the leaf buckles.",
     )
-    seed: Integer = Field(
-        0, ge=0, lt=2**31, description="Seed of the camber, and of veins and stomata that are made up."
+    seed: Annotated[Integer, Bounds(0, 2**31 - 1)] = Field(
+        0, description="Seed of the camber, and of veins and stomata that are made up."
     )
 
     @model_validator(mode="after")
@@ -54,14 +54,14 @@ class LeafTable(Table):
 class MeshTable(Table):
     """The triangle mesh."""
 
-    vertices: Integer = Field(1707, ge=30, le=200_000, description="Number of vertices aimed at.")
+    vertices: Annotated[Integer, Bounds(30, 200_000)] = Field(1707, description="Number of vertices aimed at.")
     follow_veins: Switch = Field(False, description="Main veins become edges of the mesh.")
 
 
 class MapsTable(Table):
     """The maps that the fluid lives on. Each is "auto" or an image that covers the same picture as the photo."""
 
-    size: tuple[Integer, Integer] | Integer = Field(
+    size: tuple[Cells, Cells] | Cells = Field(
         256, description="Cells of the map: one number for a square one, or [width, height]."
     )
     venation: Literal["auto", "photo", "pinnate", "palmate", "parallel"] | Path = Field(
@@ -74,13 +74,6 @@ class MapsTable(Table):
         "auto", description="Relative water content at the start: an image, a number, or auto (saturated)."
     )
     source: Literal["auto"] | Path = Field("auto", description="Where water enters; auto is the petiole base.")
-
-    @model_validator(mode="after")
-    def _size_range(self) -> MapsTable:
-        for cells in self.shape:
-            if not 1 <= cells <= 8192:
-                raise ValueError(f"size {cells} is not in [1, 8192] cells")
-        return self
 
     @property
     def shape(self) -> tuple[int, int]:

@@ -13,12 +13,39 @@ from typing import Annotated, Literal
 
 from pydantic import Field, model_validator
 
-from leafwarp.scene.fields import Curve, Length, MassPerArea, Number, Pressure, Share, Table, bounded
+from leafwarp.scene.fields import (
+    Bounds,
+    Curve,
+    Fraction,
+    Length,
+    MassPerArea,
+    Number,
+    Pressure,
+    Share,
+    Table,
+    plain_number,
+)
 from leafwarp.scene.presets import PRESETS
 
-Thickness = Annotated[Length, bounded(1e-6, 0.1, "m")]
-Modulus = Annotated[Pressure, bounded(1e-3, 1e13, "Pa")]
-ShrunkShare = Annotated[Number, bounded(-0.5, 0.95)]
+Thickness = Annotated[Length, Bounds(1e-6, 0.1, "m")]
+Modulus = Annotated[Pressure, Bounds(1e-3, 1e13, "Pa")]
+ShrunkShare = Annotated[Fraction, Bounds(-0.5, 0.95)]
+
+# The keys that set those of other tables where these are left out. Their response curves, which follow from bounded
+# figures, cannot leave what is accepted.
+FOLLOWS_FROM = {
+    "structure.membrane_stiffness": ("lamina_modulus", "thickness"),
+    "structure.bending_stiffness": ("lamina_modulus", "thickness", "poisson_ratio"),
+    "structure.vein_stiffness": ("vein_modulus", "vein_thickness", "lamina_modulus", "thickness"),
+    "structure.vein_bending_stiffness": ("vein_modulus", "vein_thickness", "lamina_modulus", "thickness"),
+    "structure.dry_mass": ("dry_mass",),
+    "structure.water_mass": ("saturated_water",),
+    "shrink.along_veins": ("shrink_along", "shrink_across"),
+    "shrink.plastic_set": ("plastic_set",),
+    "curl.thickness": ("thickness",),
+    "curl.vein_resistance": ("thickness", "vein_thickness"),
+    "curl.plastic_set": ("plastic_set",),
+}
 
 
 class MaterialTable(Table):
@@ -29,34 +56,34 @@ class MaterialTable(Table):
     vein_thickness: Thickness | None = Field(None, description="Of a vein of capacity 1 [m].")
     lamina_modulus: Modulus | None = Field(None, description="Young's modulus of the turgid lamina [Pa].")
     vein_modulus: Modulus | None = Field(None, description="Young's modulus of a vein of capacity 1 [Pa].")
-    poisson_ratio: Annotated[Number, bounded(-0.99, 0.5)] | None = Field(
+    poisson_ratio: Annotated[Number, Bounds(-0.99, 0.5)] | None = Field(
         None,
         description="Of the lamina; it enters the bending stiffness. The mesh itself has 1/3 in its plane and -1/3 in "
         "bending, whatever this says.",
     )
-    dry_mass: Annotated[MassPerArea, bounded(1e-6, 1e6, "kg/m2")] | None = Field(
+    dry_mass: Annotated[MassPerArea, Bounds(1e-6, 1e6, "kg/m2")] | None = Field(
         None, description="Mass of the dry leaf [kg/m^2]."
     )
-    saturated_water: Annotated[MassPerArea, bounded(1e-6, 1e6, "kg/m2")] | None = Field(
+    saturated_water: Annotated[MassPerArea, Bounds(1e-6, 1e6, "kg/m2")] | None = Field(
         None, description="Mass of the water of the saturated leaf [kg/m^2]."
     )
-    osmotic_potential: Annotated[Pressure, bounded(1.0, 1e9, "Pa", "a positive number")] | None = Field(
+    osmotic_potential: Annotated[Pressure, Bounds(1.0, 1e9, "Pa", "a positive number")] | None = Field(
         None, description="Osmotic potential at full turgor, as a positive number [Pa]."
     )
-    bulk_modulus: Annotated[Pressure, bounded(1.0, 1e11, "Pa")] | None = Field(
+    bulk_modulus: Annotated[Pressure, Bounds(1.0, 1e11, "Pa")] | None = Field(
         None, description="Bulk elastic modulus of the cells [Pa]; the turgor loss point is 1 - osmotic/bulk."
     )
-    wilted_stiffness: Annotated[Number, bounded(1e-3, 1.0)] | None = Field(
+    wilted_stiffness: Annotated[Fraction, Bounds(1e-3, 1.0)] | None = Field(
         None, description="Stiffness at the turgor loss point over that of the turgid leaf."
     )
-    dry_stiffness: Annotated[Number, bounded(1e-3, 1e6)] | None = Field(
+    dry_stiffness: Annotated[Number, Bounds(1e-3, 1e6)] | None = Field(
         None, description="Stiffness of the dry leaf over that at the turgor loss point."
     )
     shrink_across: ShrunkShare | None = Field(
         None, description="Share of its length that the dry leaf has lost across the veins."
     )
     shrink_along: ShrunkShare | None = Field(None, description="The same along the veins.")
-    mismatch: Annotated[Number, bounded(-1.0, 1.0)] | None = Field(
+    mismatch: Annotated[Fraction, Bounds(-1.0, 1.0)] | None = Field(
         None,
         description="Strain between the two sides of the dry leaf; positive bends toward the photographed side. A wide "
         "leaf rolls to the curvature mismatch / thickness, a narrow strip bends to 1.5 times that.",
@@ -111,6 +138,10 @@ class MaterialTable(Table):
     def bending_stiffness(self) -> float:
         """Of the lamina [N m]."""
         return self.lamina_modulus * self.thickness**3 / (12.0 * (1.0 - self.poisson_ratio**2))
+
+    def sources(self, key: str) -> str:
+        """The keys of this table that one of another table follows from, with their values."""
+        return ", ".join(f"material.{name} = {plain_number(getattr(self, name))}" for name in FOLLOWS_FROM[key])
 
     def structure(self) -> dict[str, object]:
         """Keys of [structure] that follow."""

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import Field, Strict
+from pydantic import Field
 
-from leafwarp.scene.fields import Integer, Number, Switch, Table, Time
+from leafwarp.scene.fields import Bounds, Integer, Number, Switch, Table, Time
 
 
 class TimeTable(Table):
     """Two clocks: plant time, which the water sees, and playback time, which gravity and inertia see."""
 
-    duration: Annotated[Time, Field(gt=0.0, le=1e12)] = Field(
+    duration: Annotated[Time, Bounds(0.0, 1e12, "s", above=True)] = Field(
         description="Plant time from the first frame to the last [s]."
     )
-    frames: Integer = Field(240, ge=1, le=1_000_000, description="Number of frames.")
-    fps: Number = Field(24.0, ge=0.01, le=1000.0, description="Frames a second of playback.")
+    frames: Annotated[Integer, Bounds(1, 1_000_000)] = Field(240, description="Number of frames.")
+    fps: Annotated[Number, Bounds(0.01, 1000.0)] = Field(24.0, description="Frames a second of playback.")
 
 
 class SolverTable(Table):
@@ -26,8 +26,8 @@ class SolverTable(Table):
         "float32",
         description="Numbers of the fluid and the structure; always float64 unless motion.method is explicit.",
     )
-    maximum_substeps: Integer = Field(
-        8192, ge=1, le=2**20, description="Motion substeps a frame beyond which a scene is refused."
+    maximum_substeps: Annotated[Integer, Bounds(1, 2**20)] = Field(
+        8192, description="Motion substeps a frame beyond which a scene is refused."
     )
 
 
@@ -36,7 +36,7 @@ class OutputTable(Table):
 
     contact_sheet: Switch = Field(False, description="A picture of eight moments, water above and leaf below.")
     display_color: Switch = Field(False, description="Vertex colours: a plain ramp of water from brown to green.")
-    texture_limit: Annotated[int, Strict(), Field(ge=16, le=65536)] | None = Field(
+    texture_limit: Annotated[Integer, Bounds(16, 65536)] | None = Field(
         None, description="Longest side of the texture [pixel]; default: as fine as the photo."
     )
     up_axis: Literal["Y", "Z"] = Field("Z", description="Up axis of the USD.")

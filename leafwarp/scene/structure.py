@@ -7,7 +7,19 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from leafwarp.quantity import quantity
-from leafwarp.scene.fields import Curve, Length, MassPerArea, Number, Share, Switch, Table, Vector, product, within
+from leafwarp.scene.fields import (
+    Bounds,
+    Curve,
+    Length,
+    MassPerArea,
+    Number,
+    Share,
+    Switch,
+    Table,
+    Vector,
+    curve_within,
+    product,
+)
 
 MOST_SHRINK = 0.95  # of a length
 
@@ -15,10 +27,10 @@ MOST_SHRINK = 0.95  # of a length
 class ShrinkTable(Table):
     """Rest lengths that follow the water."""
 
-    curve: Annotated[Curve, within(-0.5, MOST_SHRINK, "a shrink of")] | None = Field(
+    curve: curve_within(-0.5, MOST_SHRINK) | None = Field(
         None, description="Points [relative water content, share of the length lost]; default: that of [material]."
     )
-    along_veins: Annotated[Number, Field(ge=0.0, le=10.0)] = Field(
+    along_veins: Annotated[Number, Bounds(0.0, 10.0)] = Field(
         1.0, description="Shrinking along the veins over that across them; default: 1, or that of [material]."
     )
     vein_resistance: Share = Field(0.0, description="Share of the shrinking that a vein of capacity 1 resists.")
@@ -30,7 +42,7 @@ class ShrinkTable(Table):
 class CurlTable(Table):
     """Rest angles that follow the water: one side of the leaf shrinks more than the other."""
 
-    mismatch: Annotated[Curve, within(-1.0, 1.0, "a mismatch of")] | None = Field(
+    mismatch: curve_within(-1.0, 1.0) | None = Field(
         None,
         description="Points [relative water content, strain between the two sides]; positive bends toward the "
         "photographed side. It means that of two equal layers, free to bend in every direction: a narrow strip bends "
@@ -38,7 +50,7 @@ class CurlTable(Table):
         "hinges have an effective Poisson ratio of -1/3. For a wide leaf of curvature k give k * thickness. "
         "Default: that of [material].",
     )
-    thickness: Annotated[Length, Field(ge=1e-7, le=1.0)] = Field(
+    thickness: Annotated[Length, Bounds(1e-7, 1.0, "m")] = Field(
         2.5e-4, description="Thickness of the lamina [m]; default: 0.25 mm, or that of [material]."
     )
     vein_resistance: Share = Field(
@@ -49,18 +61,18 @@ class CurlTable(Table):
     )
 
 
-_StiffnessFactor = Annotated[Curve, within(0.0, 1e6, "a stiffness factor of")]
+_StiffnessFactor = curve_within(0.0, 1e6)
 
 
 class StructureTable(Table):
     """The mass-spring mesh (paper, Sec. III-B)."""
 
-    membrane_stiffness: Annotated[quantity("membrane stiffness"), Field(ge=0.0, le=1e12)] | None = Field(
+    membrane_stiffness: Annotated[quantity("membrane stiffness"), Bounds(0.0, 1e12, "N/m")] | None = Field(
         None,
         description="Young's modulus times thickness [N/m]; default: that of [material]. Explicit motion wants a soft "
         "membrane: 2 to 20.",
     )
-    bending_stiffness: Annotated[quantity("bending stiffness"), Field(ge=0.0, le=1e9)] | None = Field(
+    bending_stiffness: Annotated[quantity("bending stiffness"), Bounds(0.0, 1e9, "N m")] | None = Field(
         None,
         description="Bending stiffness of the lamina [N m]; default: that of [material]; without: no angular springs.",
     )
@@ -69,10 +81,10 @@ class StructureTable(Table):
         description="Force of the angular springs: the gradient of their energy, which conserves momentum, or the "
         "paper's push on two vertices, which does not.",
     )
-    vein_stiffness: Number = Field(
-        1.0, ge=0.0, le=1e6, description="Stiffness of a vein of capacity 1 over the lamina's."
+    vein_stiffness: Annotated[Number, Bounds(0.0, 1e12)] = Field(
+        1.0, description="Stiffness of a vein of capacity 1 over the lamina's."
     )
-    vein_bending_stiffness: Annotated[Number, Field(ge=0.0, le=1e9)] | None = Field(
+    vein_bending_stiffness: Annotated[Number, Bounds(0.0, 1e12)] | None = Field(
         None, description="The same for bending; default: vein_stiffness, or that of [material]."
     )
     stiffness: _StiffnessFactor = Field(
@@ -86,14 +98,16 @@ class StructureTable(Table):
         ((0.0, 1.0),),
         description="The same as the leaf without turgor dries: a further factor; default: 1, or that of [material].",
     )
-    dry_mass: Annotated[MassPerArea, Field(ge=1e-6, le=1e6)] = Field(
+    dry_mass: Annotated[MassPerArea, Bounds(1e-6, 1e6, "kg/m2")] = Field(
         0.05, description="Mass of the dry leaf [kg/m^2]; default: 0.05, or that of [material]."
     )
-    water_mass: Annotated[MassPerArea, Field(ge=0.0, le=1e6)] = Field(
-        0.25, description="Mass of the water of the saturated leaf [kg/m^2]; default: 0.25, or that of [material]."
+    water_mass: Annotated[MassPerArea, Bounds(0.0, 1e6, "kg/m2")] = Field(
+        0.25,
+        description="Mass of the water of the saturated leaf [kg/m^2]; default: 0.25, or that of [material]. [stomata] "
+        "makes its rates of it.",
     )
-    damping: Number = Field(
-        0.05, ge=0.0, le=1.0, description="Damping ratio of the mesh's fastest oscillation, along springs and hinges."
+    damping: Share = Field(
+        0.05, description="Damping ratio of the mesh's fastest oscillation, along springs and hinges."
     )
 
     @property
@@ -113,11 +127,13 @@ class MotionTable(Table):
     )
 
     gravity: Vector | None = Field(None, description="Acceleration of gravity [m/s^2], z up; left out: none.")
-    drag: Number = Field(2.0, ge=0.0, le=1e6, description="Rate at which still air takes up the leaf's speed [1/s].")
+    drag: Annotated[Number, Bounds(0.0, 1e6, "1/s")] = Field(
+        2.0, description="Rate at which still air takes up the leaf's speed [1/s]."
+    )
     wind: Vector | None = Field(
         None, description="Speed of the air [m/s], which drags the leaf along; left out: still air."
     )
-    pin_radius: Annotated[Length, Field(ge=0.0)] | None = Field(
+    pin_radius: Annotated[Length, Bounds(0.0, unit="m")] | None = Field(
         None, description="Vertices this near the petiole base are held [m]; left out: 3 % of the leaf's length."
     )
     clamp: Switch = Field(False, description="Also hold the first row of triangles past the pins (the direction, too).")

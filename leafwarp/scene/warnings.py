@@ -1,8 +1,16 @@
-"""Usual ranges of what a scene says in physical units: a value outside of them is accepted, with a warning."""
+"""What is accepted with a warning: values out of their usual range, what has no effect, what is taken for granted.
+
+Of the papers that a range names, Koerner 1995 is a chapter of Schulze and Caldwell (eds.), Ecophysiology of
+Photosynthesis, and Duursma et al. 2019 is in New Phytologist 221; the others are listed in
+:mod:`leafwarp.scene.presets`.
+"""
 
 from __future__ import annotations
 
+import math
+from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from leafwarp.scene.fields import plain_number
@@ -27,6 +35,8 @@ class Usual:
     unit: str
     why: str
 
+
+MANY_SUBSTEPS = 500  # of explicit motion in a frame; a soft leaf takes about 100
 
 # By key, or by what follows from keys: dotted names of attributes of the scene.
 USUAL: dict[str, Usual] = {
@@ -54,17 +64,20 @@ USUAL: dict[str, Usual] = {
         0.0, 0.82, "", "it follows from shrink_across and shrink_along; 380 species, Blonder et al. 2012"
     ),
     "material.mismatch": Usual(-0.1, 0.1, "", "0.01 curls a leaf of 0.25 mm to a radius of 2 cm"),
+    "material.plastic_set": Usual(0.0, 0.95, "", "with 1 nothing of what has dried ever comes back"),
     "air.temperature": Usual(263.15, 323.15, "K", "air around a leaf; a plain number is in kelvin"),
+    "air.relative_humidity": Usual(0.05, 1.0, "", "drier air is rare in any desert"),
     "air.pressure": Usual(5e4, 1.1e5, "Pa", "from the sea to 5,500 m"),
-    "air.deficit": Usual(0.0, 8000.0, "Pa", "the vapour pressure deficit; a hot desert has 8000"),
+    "air.deficit": Usual(
+        0.0, 8000.0, "Pa", "the vapour pressure deficit, given or from the relative humidity; a hot desert has 8000"
+    ),
     "stomata.open_conductance": Usual(0.005, 1.5, "mol/m2/s", "leaves in light have 0.05 to 0.6, Koerner 1995"),
     "stomata.minimum_conductance": Usual(1e-4, 0.05, "mol/m2/s", "247 species, Duursma et al. 2019"),
 }
 
 
-def unusual_values(scene: Scene) -> tuple[str, ...]:
+def unusual_values(scene: Scene) -> Iterator[str]:
     """A line for every value of a scene that lies outside its usual range."""
-    lines = []
     for key, usual in USUAL.items():
         table, name = key.split(".")
         holder = getattr(scene, table)
@@ -72,5 +85,74 @@ def unusual_values(scene: Scene) -> tuple[str, ...]:
         if value is not None and not usual.low <= value <= usual.high:
             unit = f" {usual.unit}" if usual.unit else ""
             usual_range = f"{plain_number(usual.low)} to {plain_number(usual.high)}{unit}"
-            lines.append(f"{key} = {plain_number(value)}{unit}: usual: {usual_range} ({usual.why})")
-    return tuple(lines)
+            yield f"{key} = {plain_number(value)}{unit}: usual: {usual_range} ({usual.why})"
+
+
+def opening_stomata(scene: Scene) -> Iterator[str]:
+    """A line for every part of a closure by which stomata open as the leaf dries."""
+    if scene.stomata is None or scene.stomata.closure is None:
+        return
+    for (dry, dry_opening), (wet, wet_opening) in pairwise(scene.stomata.closure):
+        if dry_opening > wet_opening:
+            yield (
+                f"stomata.closure = {dry_opening:g} at a water content of {dry:g} and {wet_opening:g} at {wet:g}: "
+                "usual: the drier the leaf, the smaller the opening"
+            )
+
+
+def events_without_effect(scene: Scene) -> Iterator[str]:
+    """A line for everything that a scene says to happen after its end."""
+    if scene.source is None:
+        return
+    duration = scene.time.duration
+    for key, what in (("cut_at", "the leaf is never cut off"), ("rewatered_at", "the leaf is never rewatered")):
+        moment = getattr(scene.source, key)
+        if moment is not None and moment >= duration:
+            yield (
+                f"source.{key} = {plain_number(moment)} s: {what}; usual: before the end, "
+                f"time.duration = {plain_number(duration)} s"
+            )
+
+
+def assumed_values(scene: Scene) -> Iterator[str]:
+    """A line for every default that decides how fast the leaf dries."""
+    if scene.stomata is None:
+        return
+    air, structure = scene.air, scene.structure
+    if air.relative_humidity is not None and "temperature" not in air.model_fields_set:
+        yield (
+            f"air.temperature: not given; {plain_number(air.temperature)} K is taken, at which a relative humidity of "
+            f"{air.relative_humidity:g} is a vapour pressure deficit of {air.deficit:.4g} Pa"
+        )
+    if scene.material is None and "water_mass" not in structure.model_fields_set:
+        yield (
+            f"structure.water_mass: not given; {plain_number(structure.water_mass)} kg/m2 of water are taken for the "
+            "saturated leaf, of which [stomata] makes its rates; give it, or a [material]"
+        )
+
+
+def slow_motion(scene: Scene) -> Iterator[str]:
+    """A line if explicit motion of the saturated leaf has to take very many steps a frame.
+
+    A vertex of a regular mesh has six springs of ``k = sqrt(3)/2 E h`` and the mass ``m`` of its share of the leaf's
+    area, which is less than the square of the length. The step is below ``2 / sqrt(2 sum k / m)``; veins and
+    irregular triangles shorten it by a factor of a few.
+    """
+    structure = scene.structure
+    stiffness = structure.membrane_stiffness * structure.stiffness_factor[-1][1]
+    if scene.motion.method != "explicit" or scene.leaf.length is None or stiffness == 0.0:
+        return
+    mass = (structure.dry_mass + structure.water_mass) * scene.leaf.length**2 / scene.mesh.vertices
+    step = 2.0 / math.sqrt(12.0 * 0.5 * math.sqrt(3.0) * stiffness / mass)
+    substeps = 1.0 / (scene.time.fps * step)
+    if substeps > MANY_SUBSTEPS:
+        yield (
+            f"motion.method = 'explicit': a membrane of {plain_number(stiffness)} N/m takes steps "
+            f"below {step:.2g} s, more than {substeps:.0f} a frame; motion.method = 'implicit' takes one"
+        )
+
+
+def warnings_of(scene: Scene) -> tuple[str, ...]:
+    """What of a scene is accepted but unusual, one line each."""
+    kinds = (unusual_values, opening_stomata, events_without_effect, assumed_values, slow_motion)
+    return tuple(line for kind in kinds for line in kind(scene))

@@ -10,8 +10,8 @@ from pydantic import Field, model_validator
 
 from leafwarp.quantity import ZEROS
 from leafwarp.scene.fields import (
+    Bounds,
     Conductance,
-    Curve,
     Diffusivity,
     Fraction,
     Number,
@@ -21,15 +21,16 @@ from leafwarp.scene.fields import (
     Table,
     Temperature,
     Time,
-    bounded,
-    within,
+    curve_within,
 )
 
 
 class FluidTable(Table):
     """Water that flows (paper, Sec. III-A)."""
 
-    step: Annotated[Time, Field(gt=0.0)] = Field(60.0, description="Fluid step in plant time [s]; chosen for accuracy.")
+    step: Annotated[Time, Bounds(0.0, unit="s", above=True)] = Field(
+        60.0, description="Fluid step in plant time [s]; chosen for accuracy."
+    )
     scheme: Literal["split", "unsplit"] = Field(
         "split",
         description="split: rows, then columns, line by line (the paper). unsplit: both at once, without the "
@@ -40,10 +41,10 @@ class FluidTable(Table):
         description="How the unsplit scheme solves a step. factor: a sparse factor, made once, on the host (much the "
         "faster on a CPU). conjugate_gradients: preconditioned with line solves, all on the device.",
     )
-    lamina_diffusivity: Annotated[Diffusivity, Field(ge=0.0)] = Field(
+    lamina_diffusivity: Annotated[Diffusivity, Bounds(0.0, unit="m2/s")] = Field(
         1e-9, description="Diffusivity of water between the veins [m^2/s] (artistic)."
     )
-    vein_diffusivity: Annotated[Diffusivity, Field(ge=0.0)] = Field(
+    vein_diffusivity: Annotated[Diffusivity, Bounds(0.0, unit="m2/s")] = Field(
         1e-7, description="Diffusivity of water along a vein of capacity 1 [m^2/s] (artistic)."
     )
     tolerance: Number = Field(
@@ -67,16 +68,16 @@ class WaterTable(Table):
 
 
 # Opening of the stomata, 1 open and 0 closed.
-Closure = Annotated[Curve, within(0.0, 1.0, "an opening of")]
+Closure = curve_within(0.0, 1.0)
 
 
 class TranspirationTable(Table):
     """Water lost through the leaf's surface, as plain rates. [air] and [stomata] say the same in physical units."""
 
-    rate: Annotated[Rate, Field(ge=0.0)] = Field(
+    rate: Annotated[Rate, Bounds(0.0, unit="1/s")] = Field(
         description="Share of the saturated leaf's water lost a second, averaged over the leaf [1/s]."
     )
-    cuticle_rate: Annotated[Rate, Field(ge=0.0)] = Field(
+    cuticle_rate: Annotated[Rate, Bounds(0.0, unit="1/s")] = Field(
         0.0, description="The part of it that leaves everywhere alike, stomata or not [1/s]."
     )
 
@@ -104,22 +105,22 @@ class TranspirationTable(Table):
 class SourceTable(Table):
     """Water that enters through the petiole."""
 
-    conductance: Annotated[Rate, Field(ge=0.0)] = Field(
+    conductance: Annotated[Rate, Bounds(0.0, unit="1/s")] = Field(
         description="Share of the saturated leaf's water that enters a second for a difference of 1 [1/s] (artistic)."
     )
     supply: Share = Field(
         1.0, description="Relative water content of the supply; a leaf wetter than it gives water back."
     )
-    cut_at: Annotated[Time, Field(ge=0.0)] | None = Field(
+    cut_at: Annotated[Time, Bounds(0.0, unit="s")] | None = Field(
         None, description="Plant time at which the leaf is severed and the source ends [s]."
     )
-    rewatered_at: Annotated[Time, Field(ge=0.0)] | None = Field(
+    rewatered_at: Annotated[Time, Bounds(0.0, unit="s")] | None = Field(
         None, description="Plant time at which the source opens again after cut_at [s]."
     )
 
     @model_validator(mode="after")
     def _cut_before_rewatered(self) -> SourceTable:
-        if self.rewatered_at is not None and (self.cut_at is None or self.rewatered_at < self.cut_at):
+        if self.rewatered_at is not None and (self.cut_at is None or self.rewatered_at <= self.cut_at):
             cut = "no cut_at is given" if self.cut_at is None else f"cut_at is {self.cut_at:g} s"
             raise ValueError(f"rewatered_at = {self.rewatered_at:g} s: {cut}; accepted: a time after cut_at")
         return self
@@ -144,15 +145,19 @@ class AirTable(Table):
 
     temperature: Annotated[
         Temperature,
-        bounded(233.15, BOILING, "K", "a plain number is in kelvin, a string may say degC: '24.5 degC'"),
-    ] = Field(298.15, description="Temperature of leaf and air [K]; a string may say degC.")
-    relative_humidity: Annotated[Fraction, bounded(0.0, 1.0, "", "a string may say %: '65 %'")] | None = Field(
+        Bounds(233.15, BOILING, "K", "a plain number is in kelvin, a string may say degC: '24.5 degC'"),
+    ] = Field(
+        298.15,
+        description="Temperature of leaf and air [K]; a string may say degC. It makes a deficit of the relative "
+        "humidity; a vapour_pressure_deficit only has to be possible at it.",
+    )
+    relative_humidity: Annotated[Fraction, Bounds(0.0, 1.0, "", "a string may say %: '65 %'")] | None = Field(
         None, description="Relative humidity of the air, 0 to 1; a string may say %."
     )
-    vapour_pressure_deficit: Annotated[Pressure, bounded(0.0, 1e5, "Pa")] | None = Field(
+    vapour_pressure_deficit: Annotated[Pressure, Bounds(0.0, 1e5, "Pa")] | None = Field(
         None, description="Vapour pressure deficit of the air [Pa], instead of relative_humidity."
     )
-    pressure: Annotated[Pressure, bounded(1e3, 1e6, "Pa")] = Field(
+    pressure: Annotated[Pressure, Bounds(1e3, 1e6, "Pa")] = Field(
         STANDARD_PRESSURE, description="Pressure of the air [Pa]."
     )
 
@@ -185,7 +190,7 @@ class AirTable(Table):
         return (1.0 - self.relative_humidity) * saturation_pressure(self.temperature)
 
 
-_LeafConductance = Annotated[Conductance, bounded(0.0, 100.0, "mol/m2/s")]
+_LeafConductance = Annotated[Conductance, Bounds(0.0, 100.0, "mol/m2/s")]
 
 
 class StomataTable(Table):
