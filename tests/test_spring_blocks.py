@@ -7,11 +7,12 @@ import pytest
 import warp as wp
 
 from leafwarp.sim.spring_blocks import hinge_edges, in_blocks
+from leafwarp.study.verify.drawn_leaf import flat
 from leafwarp_kernels.angular_springs import angular_spring_forces
 from leafwarp_kernels.edge_springs import edge_spring_forces
 from leafwarp_kernels.hinge_gather import gather_hinge_forces
 from meshes import scene_of, strip, two_triangles
-from structure_reference import crumpled, flat, rig_of
+from structure_reference import crumpled, rig_of
 
 # Of the largest force: sums of some twenty forces, in another order.
 ROUNDING = {"float32": 1e-5, "float64": 1e-14}

@@ -88,7 +88,9 @@ class SpringBlocks:
         corners = np.concatenate([self._hinges.ravel(), self._edges.ravel()])
         start, order = vertex_to_slots(corners[:, None], self._vertex_count)
         places = np.concatenate(places)[order]
-        stage.add_array(state, ArraySpec("vertex_place_start", start.shape, "int32", "where each vertex's forces start"))
+        stage.add_array(
+            state, ArraySpec("vertex_place_start", start.shape, "int32", "where each vertex's forces start")
+        )
         stage.add_array(state, ArraySpec("vertex_places", places.shape, "int32", "places of the forces on each vertex"))
         state.upload("vertex_place_start", start)
         state.upload("vertex_places", places)
