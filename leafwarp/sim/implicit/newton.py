@@ -209,6 +209,8 @@ class Newton:
             found = self._search(here, self._fresh_step(here.gradient)) or found
         if found is None or (found[2] < 1.0 and np.array_equal(found[0].positions, here.positions)):
             raise NotConverged(f"no step lowers the potential; a force of {here.residual:.3g} N is left on a vertex")
+        if self._crawled > 0:
+            found = self._lengthened(here, found)
         after, step, share = found
         self._potential.expect_tensions(step)
         self._potential.accept()
@@ -255,6 +257,23 @@ class Newton:
             lowest = -0.5 * slope * share * share / (rise - slope * share)
             share = min(max(lowest, SHORTEN[0] * share), SHORTEN[1] * share) if np.isfinite(lowest) else 0.1 * share
         return None
+
+    def _lengthened(
+        self, here: Evaluation, found: tuple[Evaluation, np.ndarray, float]
+    ) -> tuple[Evaluation, np.ndarray, float]:
+        """A full step by the positive part, doubled as long as that leads lower: it is too short by far past a saddle."""
+        after, step, share = found
+        while share == 1.0:
+            longer = 2.0 * step
+            longest = _longest(longer)
+            if longest > LONGEST_STEP * self._length:
+                break
+            beyond = self._evaluate(here.positions + self._curved(here.positions, longer, longest))
+            if not beyond.energy < after.energy:
+                break
+            after, step = beyond, longer
+        # The potential holds what was evaluated last.
+        return self._evaluate(after.positions), step, share
 
     def _curved(self, start: np.ndarray, step: np.ndarray, longest: float) -> np.ndarray:
         """A step with its second-order correction."""
