@@ -261,7 +261,7 @@ class Newton:
     def _lengthened(
         self, here: Evaluation, found: tuple[Evaluation, np.ndarray, float]
     ) -> tuple[Evaluation, np.ndarray, float]:
-        """A full step by the positive part, doubled as long as that leads lower: it is too short by far past a saddle."""
+        """A full step by the positive part, doubled as long as that leads lower: past a saddle it is far too short."""
         after, step, share = found
         while share == 1.0:
             longer = 2.0 * step
