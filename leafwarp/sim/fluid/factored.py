@@ -52,6 +52,9 @@ class FactoredDiffusion(Stage):
         if self._supply is not None:
             self.commands = list(self._supply.record(state, "x"))
 
+    def launches_of(self, interval: Interval | None = None) -> None:
+        return None
+
     def run(self, interval: Interval | None = None) -> None:
         """Do one step.
 

@@ -162,9 +162,8 @@ class Source(Stage):
         if self._supply is not None:
             self.commands = list(self._supply.record(state, "x"))
 
-    def run(self, interval: Interval | None = None) -> None:
+    def launches_of(self, interval: Interval | None = None) -> list[Command]:
         if self._opening.update(interval):
             self._open.launch.set_param_by_name("open_for", self._opening.seconds / self._solves)
             self._open.run()
-        if self._opening.seconds > 0.0:
-            super().run(interval)
+        return self.commands if self._opening.seconds > 0.0 else []

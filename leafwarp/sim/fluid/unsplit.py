@@ -162,6 +162,9 @@ class UnsplitDiffusion(Stage):
             record(shift_water, rows, [*diagonals, "row_span", "unsplit_shift"], ["water"]),
         ]
 
+    def launches_of(self, interval: Interval | None = None) -> None:
+        return None
+
     def run(self, interval: Interval | None = None) -> None:
         """Do one step.
 
