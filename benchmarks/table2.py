@@ -8,15 +8,14 @@ paper's split scheme.
 from __future__ import annotations
 
 import argparse
-import statistics
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import warp as wp
 
 from benchmarks.results import describe_machine, write_section
+from benchmarks.timing import Timing
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.scene import Scene
 from leafwarp.scene.file import load_scene
@@ -30,25 +29,6 @@ TITLE = "Table II: one complete update step"
 PAPER = {128: 11.0, 256: 17.0, 512: 40.0, 1024: 145.0}
 REPEATS = 15
 FLUID_STEPS = 4
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Repeated measurements of one part of a step [ms]."""
-
-    milliseconds: tuple[float, ...]
-
-    @property
-    def median(self) -> float:
-        return statistics.median(self.milliseconds)
-
-    def __add__(self, other: Timing) -> Timing:
-        return Timing(tuple(a + b for a, b in zip(self.milliseconds, other.milliseconds, strict=True)))
-
-    def __str__(self) -> str:
-        """Median, and the range of the middle half of the measurements."""
-        low, _, high = statistics.quantiles(self.milliseconds, n=4)
-        return f"{self.median:.3g} ({low:.3g}-{high:.3g})"
 
 
 def measure(scene: Scene, cells: int, device: str, repeats: int = REPEATS) -> dict[str, Timing]:
