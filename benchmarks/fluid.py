@@ -29,7 +29,7 @@ from leafwarp.scene.file import load_scene
 TITLE = "Fluid: one split step"
 SIZES = (128, 256, 512, 1024, 2048)
 QUICK_SIZES = (64,)
-ROUNDS, QUICK_ROUNDS = 11, 3
+ROUNDS, QUICK_ROUNDS = 21, 3
 OURS, STREAM = "leafwarp, 32 lines at a time", "plain copy of the bytes a step must move"
 
 

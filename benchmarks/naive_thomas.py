@@ -1,6 +1,7 @@
 """Thomas' algorithm as a tutorial writes it, one line a thread: a contender of the fluid benchmark.
 
-The pivots are found anew in every step, and the textbook's difference ``b - a c'`` in them loses accuracy as beta grows.
+The pivots are found anew in every step, and the textbook's difference ``b - a c'`` in them loses accuracy as beta
+grows.
 """
 
 import warp as wp

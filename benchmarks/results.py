@@ -15,6 +15,7 @@ def describe_machine(device: str) -> str:
     import numpy as np
     import warp as wp
 
+    wp.config.log_level = wp.LOG_WARNING  # no greeting on stdout
     return (
         f"{_processor()}, {os.cpu_count()} logical cores; "
         f"Warp device {device} ({wp.get_device(device).name}); "
