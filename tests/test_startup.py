@@ -48,7 +48,7 @@ def test_the_schema_loads_neither_kernels_nor_photos() -> None:
     assert imported("schema") <= {"pydantic", "numpy"}
 
 
-def test_a_leaf_prepared_before_needs_no_mesher(small_scene: Path, tmp_path: Path) -> None:
+def test_a_leaf_prepared_before_needs_neither_mesher_nor_scipy(small_scene: Path, tmp_path: Path) -> None:
     run = [
         "run",
         str(small_scene),
@@ -61,7 +61,7 @@ def test_a_leaf_prepared_before_needs_no_mesher(small_scene: Path, tmp_path: Pat
         "output.contact_sheet=false",
     ]
     assert "netgen" in imported(*run)
-    assert not {"netgen", "trimesh", "matplotlib"} & imported(*run)
+    assert not {"netgen", "scipy", "trimesh", "matplotlib"} & imported(*run)
 
 
 @pytest.mark.parametrize("name", SCENES)
