@@ -145,7 +145,7 @@ class EdgeSprings(Stage):
 
     def bind(self, state: State) -> None:
         fill_edges(self.scene, self.leaf, state)
-        if not state.device.is_cuda:
+        if not state.many_threads:
             self.commands = self._record_blocks(state)
             return
         self.commands = [
@@ -229,7 +229,7 @@ class AngularSprings(_Hinges):
     kernel = angular_springs.angular_spring_forces
 
     def _record(self, state: State) -> list[Command]:
-        if state.device.is_cuda:
+        if state.many_threads:
             return super()._record(state)
         blocks = SpringBlocks(self.leaf.mesh, hinged=True)
         return [*blocks.record_hinges(self, state), *blocks.record_sum(self, state)]

@@ -17,9 +17,9 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.forces import Air, PaperBending
 from leafwarp.sim.launch import State
-from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, STANDARD_GRAVITY, TORN_REMEDY, torn
+from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, STANDARD_GRAVITY, TORN_REMEDY, thrown, torn
 from leafwarp.sim.settled import Settled
-from leafwarp.sim.stable_step import StableStep, step_limit
+from leafwarp.sim.stable_step import StableStep, damping_time, step_limit
 from leafwarp.sim.stage import Stage
 
 if TYPE_CHECKING:
@@ -98,8 +98,7 @@ class Motion:
         and the bound ``omega`` of the mesh's fastest oscillation. Call it again once stiffness and mass have
         their values of the first frame.
         """
-        frequency = math.sqrt(self._guard.largest_squared_frequency())
-        self._damping_time = 2.0 * self._damping / frequency if frequency > 0.0 else 0.0
+        self._damping_time = damping_time(self._damping, self._guard.largest_squared_frequency())
         self._state.upload("damping_time", np.array([self._damping_time]))
 
     def required_substeps(self, frame_duration: float) -> int | float:
@@ -258,7 +257,7 @@ class Motion:
         if not math.isfinite(travel):
             return _Fault("a position or a speed is not a finite number", self._remedy())
         if travel > FARTHEST_TRAVEL * self._length:
-            return _Fault(f"a vertex moved {travel:.3g} m, on a leaf of {self._length:.3g} m,", self._remedy())
+            return _Fault(f"{thrown(travel, self._length)},", self._remedy())
         stretch = self._guard.largest_stretch()
         if stretch > max(MOST_STRETCH, self._stretch_before):
             return _Fault(torn(stretch), TORN_REMEDY)
@@ -286,7 +285,7 @@ class Motion:
             return "lower motion.drag, or raise time.fps"
         return (
             "lower structure.membrane_stiffness (explicit motion wants 2 to 20 N/m) or bending_stiffness, "
-            "or raise time.fps or solver.maximum_substeps"
+            "raise time.fps or solver.maximum_substeps, or take motion.method = 'implicit'"
         )
 
 

@@ -127,7 +127,7 @@ class Fluid:
         return WaterLedger(
             self._start,
             self._total("added_by_source_x", "added_by_source_y"),
-            self._total("transpired_by_row"),
+            self._total("transpired"),
             self._content(),
         )
 

@@ -44,7 +44,7 @@ class SplitDiffusion(Stage):
         if self._supply is not None:
             self.commands = []
             for direction, solve in passes.items():
-                fill, count = self._supply.record(state, direction)
+                fill, count = self._supply.record(self, state, direction)
                 self.commands += [fill, *solve, count]
 
     def launches_of(self, interval: Interval | None = None) -> list[Command]:
