@@ -1,4 +1,4 @@
-"""The leaf that a scene asks for."""
+"""The leaf, or the leaves, that a scene asks for."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from leafwarp.scene import Scene
 
 
 def prepare_scene_leaf(scene: Scene, cache: Path | None) -> Leaf:
-    """Prepare a scene's leaf: its mesh, and the maps that the scene requires.
+    """Prepare a scene's leaf, or all of its leaves as one: the mesh, and the maps that the scene requires.
 
     Args:
         scene: The scene.
@@ -34,4 +34,11 @@ def prepare_scene_leaf(scene: Scene, cache: Path | None) -> Leaf:
         seed=scene.leaf.seed,
         texture_limit=scene.output.texture_limit,
     )
-    return prepare_leaf(request, cache)
+    leaf = prepare_leaf(request, cache)
+    if scene.leaves is None:
+        return leaf
+    from leafwarp.leaf.arrange import make_specimens
+    from leafwarp.leaf.leaves import gather_leaves
+
+    specimens = make_specimens(scene.leaves, leaf)
+    return gather_leaves([leaf], [0] * len(specimens), specimens)
