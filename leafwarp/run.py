@@ -186,7 +186,7 @@ def run_scene(
 
 
 def save_maps(leaf: Leaf, folder: Path, stem: str) -> list[Path]:
-    """Write the maps of a leaf as pictures ``STEM.NAME.png`` of the whole photo, which a scene can name in their stead.
+    """Write the maps of a leaf, as photographed, as pictures ``STEM.NAME.png`` of the whole photo, which a scene can name in their stead.
 
     Args:
         leaf: The leaf, made from a photo.

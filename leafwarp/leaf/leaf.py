@@ -128,6 +128,21 @@ class Leaf:
         return self.frame.uv(self.mesh.positions)
 
     @property
+    def photos(self) -> tuple[Leaf, ...]:
+        """The prepared leaf of each photo."""
+        return (self,)
+
+    @property
+    def photo_of(self) -> tuple[int, ...]:
+        """Index of the photo of each leaf."""
+        return (0,)
+
+    @property
+    def specimens(self) -> tuple[Specimen, ...]:
+        """How each leaf departs from its photo."""
+        return (AS_PHOTOGRAPHED,)
+
+    @property
     def vertex_slices(self) -> tuple[slice, ...]:
         """Where each leaf's vertices are: all of them belong to the one leaf."""
         return (slice(0, self.mesh.vertex_count),)

@@ -28,10 +28,10 @@ class LeavesTable(Table):
     water: Share = Field(0.0, description="Water of a leaf at the start: up to this share less.")
     turn: Angle = Field(0.0, description="Turned about the vertical: up to this angle either way [degrees].")
     tilt: Angle = Field(0.0, description="Tip up or down: up to this angle either way [degrees].")
-    roll: Angle = Field(0.0, description="Rolled about the axis from base to tip: up to this angle either way [degrees].")
-    camber: Switch = Field(
-        True, description="Every leaf has a camber of its own; false: all have that of leaf.seed."
+    roll: Angle = Field(
+        0.0, description="Rolled about the axis from base to tip: up to this angle either way [degrees]."
     )
+    camber: Switch = Field(True, description="Every leaf has a camber of its own; false: all have that of leaf.seed.")
     arrangement: Literal["grid", "stem"] = Field(
         "grid",
         description="grid: side by side on a plane; stem: around a vertical stem, each at the golden angle to the one "

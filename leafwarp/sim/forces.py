@@ -69,7 +69,9 @@ def hinge_arrays(mesh: LeafMesh) -> tuple[ArraySpec, ...]:
 def hinge_tables(vertices: int, hinges: int) -> tuple[ArraySpec, ...]:
     """Which vertices the hinges have, and which hinges the vertices have."""
     return (
-        ArraySpec("hinge_angle", (hinges,), "real", "angle of each angular spring, continued in time [rad]", padded=True),
+        ArraySpec(
+            "hinge_angle", (hinges,), "real", "angle of each angular spring, continued in time [rad]", padded=True
+        ),
         ArraySpec("hinge_vertices", (hinges, 4), "int32", "vertices of each hinge: edge a, b, opposite c, d"),
         ArraySpec("vertex_hinge_start", (vertices + 1,), "int32", "where each vertex's hinge forces start"),
         ArraySpec("vertex_hinge_slots", (4 * hinges,), "int32", "places of the forces on each vertex"),

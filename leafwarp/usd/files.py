@@ -42,26 +42,37 @@ def _reason(diagnostic: str) -> str:
     return message.strip("'") or diagnostic.strip().splitlines()[0]
 
 
+def texture_path(usd: Path, index: int) -> Path:
+    """Where the texture of a photo lies, beside the USD."""
+    number = "" if index == 0 else f"_{index + 1}"
+    return usd.with_name(f"{usd.stem}_texture{number}.png")
+
+
 @dataclass(frozen=True)
 class Files:
     """The files of one USD output.
 
     Attributes:
         root: The USD that the user asked for.
-        texture: The texture, in the same folder.
+        textures: The texture of each photo, in the same folder.
         frame_folder: Folder of what exists during a run only: one file a frame, the rest pose, the manifest.
             It carries the root's whole name, so that ``a.usd`` and ``a.usda`` do not share it.
         frame_digits: Digits of a frame number in a file name.
     """
 
     root: Path
-    texture: Path
+    textures: tuple[Path, ...]
     frame_folder: Path
     frame_digits: int
 
     @classmethod
-    def beside(cls, path: Path, last_frame: int) -> Files:
+    def beside(cls, path: Path, last_frame: int, photos: int = 1) -> Files:
         """The files of the USD at ``path``.
+
+        Args:
+            path: The USD.
+            last_frame: The largest frame number.
+            photos: Number of photos that leaves are made from.
 
         Raises:
             InputError: The suffix is none of a USD file's.
@@ -72,7 +83,7 @@ class Files:
         path = path.absolute()
         return cls(
             root=path,
-            texture=path.with_name(f"{path.stem}_texture.png"),
+            textures=tuple(texture_path(path, index) for index in range(photos)),
             frame_folder=path.with_name(f"{path.name}.frames"),
             frame_digits=max(4, len(str(last_frame))),
         )
