@@ -186,10 +186,10 @@ def run_scene(
 
 
 def save_maps(leaf: Leaf, folder: Path, stem: str) -> list[Path]:
-    """Write the maps of a leaf, as photographed, as pictures ``STEM.NAME.png`` of the whole photo, which a scene can name in their stead.
+    """Write the maps of a leaf as pictures ``STEM.NAME.png`` of the whole photo, which a scene can name in their stead.
 
     Args:
-        leaf: The leaf, made from a photo.
+        leaf: The leaf, made from a photo; of many leaves, those maps that they have in common.
         folder: Where to write.
         stem: Start of the files' names.
 
@@ -204,6 +204,7 @@ def save_maps(leaf: Leaf, folder: Path, stem: str) -> list[Path]:
 
     if not leaf.maps:
         return []
+    leaf = leaf.photos[0]
     frame = PixelFrame.of(leaf)
     return write_maps(leaf.maps, leaf.mask, folder, stem, frame=frame, photo_size=leaf.findings.photo_size)
 
@@ -212,6 +213,7 @@ def _leaf_report(leaf: Leaf) -> dict[str, Any]:
     """What was found in the photo, as plain data."""
     findings = leaf.findings
     return {
+        "count": len(leaf.specimens),
         "length": leaf.length,
         "area": float(leaf.mesh.vertex_areas.sum()),
         "confidence": None if findings is None else findings.confidence,

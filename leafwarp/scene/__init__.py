@@ -106,8 +106,8 @@ class Scene(Table):
             raise ValueError("leaves.water needs [fluid]: with [water] the water is prescribed")
         if self.water_flows and self.fluid.scheme == "unsplit" and self.fluid.solver == "conjugate_gradients":
             raise ValueError(
-                "fluid.solver = 'conjugate_gradients': accepted with [leaves]: 'factor', which accounts for the water of "
-                "each leaf alone"
+                "fluid.solver = 'conjugate_gradients': accepted with [leaves]: 'factor', which accounts for each "
+                "leaf's water alone"
             )
         cells = math.prod(self.maps.shape) * self.leaves.count if self.map_names else 0
         if cells > MOST_ATLAS_CELLS:

@@ -49,7 +49,7 @@ def derived_tables(scene: Scene) -> dict[str, Table | None]:
     if tables.get("motion", scene.motion).method != "explicit":
         tables["solver"] = _in_double_precision(scene)
     if scene.leaves is not None:
-        tables["maps"] = scene.maps.filled(size=_suitable_cells(scene.mesh.vertices))
+        tables["maps"] = scene.maps.filled(size=suitable_cells(scene.mesh.vertices))
     if scene.stomata is not None or scene.air is not None:
         tables["transpiration"] = _transpiration(scene, tables["structure"].water_mass)
     return tables
@@ -71,7 +71,7 @@ def _filled(name: str, table: Table, material: MaterialTable) -> Table:
     return filled
 
 
-def _suitable_cells(vertices: int) -> int:
+def suitable_cells(vertices: int) -> int:
     """Cells across a map of one of many leaves: about three between two vertices, in whole blocks of 32."""
     across = CELLS_PER_EDGE * math.sqrt(2.0 * vertices)  # a leaf fills about half of its map
     return min(256, 32 * max(1, round(across / 32)))

@@ -39,7 +39,7 @@ def source_cells(leaf: Leaf) -> np.ndarray:
 
 
 def source_rates(leaf: Leaf, conductance: float) -> np.ndarray:
-    """Rate at which each cell nears the supply [1/s], shape [ny, nx]: its share of the conductance times the leaf's cells.
+    """Rate at which each cell nears the supply [1/s], shape [ny, nx]: its share of what the whole leaf exchanges.
 
     Args:
         leaf: The leaf.
