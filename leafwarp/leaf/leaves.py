@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from leafwarp.leaf.leaf import Leaf, LeafMesh
+from leafwarp.leaf.leaf import Leaf, LeafMesh, MapFrame
 from leafwarp.leaf.specimen import Specimen
 
 
@@ -56,6 +56,26 @@ class Leaves(Leaf):
         """What a function makes of each leaf, a map of its tile, as a map of all."""
         return _atlas(self.photos, self.photo_of, self.specimens, self.mask.shape, function)
 
+    @property
+    def places(self) -> np.ndarray:
+        """Each vertex's way from its leaf's coordinates to the world [m], shape [vertex_count, 3]."""
+        return self.join(lambda photo, specimen: np.tile(specimen.place, (photo.mesh.vertex_count, 1)))
+
+    def laid_out(self) -> Leaf:
+        """All leaves flat, as photographed, each in the frame of its tile: one leaf that covers the whole map."""
+        rows, columns = _tile_shape(self.photos[0])
+        width, height = self.frame.size
+        count_across = max(specimen.corner[1] for specimen in self.specimens) // columns + 1
+        count_up = max(specimen.corner[0] for specimen in self.specimens) // rows + 1
+
+        def in_tile(photo: Leaf, specimen: Specimen) -> np.ndarray:
+            row, column = specimen.corner
+            return (photo.uv + (column // columns, row // rows)) * (width, height)
+
+        mesh = replace(self.mesh, positions=self.join(in_tile))
+        frame = MapFrame((0.0, 0.0), (count_across * width, count_up * height))
+        return Leaf(mesh, frame, self.length, self.texture, self.mask, self.maps)
+
 
 def gather_leaves(photos: Sequence[Leaf], photo_of: Sequence[int], specimens: Sequence[Specimen]) -> Leaves:
     """Put leaves together; each gets a tile of the map.
@@ -66,14 +86,14 @@ def gather_leaves(photos: Sequence[Leaf], photo_of: Sequence[int], specimens: Se
         specimens: The leaves.
     """
     mask, maps = None, {}
+    rows, columns = _tile_shape(photos[0])
+    across = tiles_across(len(specimens), (rows, columns))
+    specimens = [
+        replace(specimen, corner=(index // across * rows, index % across * columns))
+        for index, specimen in enumerate(specimens)
+    ]
     if photos[0].mask is not None:
-        rows, columns = photos[0].mask.shape
-        across = tiles_across(len(specimens), (rows, columns))
         shape = (-(-len(specimens) // across) * rows, across * columns)
-        specimens = [
-            replace(specimen, corner=(index // across * rows, index % across * columns))
-            for index, specimen in enumerate(specimens)
-        ]
         mask = _atlas(photos, photo_of, specimens, shape, lambda photo, specimen: photo.mask)
         for name in photos[0].maps:
             maps[name] = _atlas(photos, photo_of, specimens, shape, _varied_map(name))
@@ -100,6 +120,11 @@ def tiles_across(count: int, tile: tuple[int, int]) -> int:
         tile: Rows and columns of a tile.
     """
     return min(count, max(1, math.ceil(math.sqrt(count * tile[0] / tile[1]))))
+
+
+def _tile_shape(photo: Leaf) -> tuple[int, int]:
+    """Rows and columns of a tile; 1 and 1 without maps."""
+    return (1, 1) if photo.mask is None else photo.mask.shape
 
 
 def _varied_map(name: str) -> Callable[[Leaf, Specimen], np.ndarray]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -38,13 +39,17 @@ class ContactSheet:
     """Collects moments while a scene runs, and draws them at the end, when the room that they need is known.
 
     Args:
-        leaf: The leaf.
+        leaf: The leaf, or the leaves: all are shown at their places, and the map of their water.
         frames: Numbers of the frames to show.
         device: Warp device that draws.
     """
 
     def __init__(self, leaf: Leaf, frames: Sequence[int], device: str = "cpu"):
         self.frames = tuple(frames)
+        self._places, self._uv = None, leaf.uv
+        if len(leaf.specimens) > 1:
+            self._places = leaf.places.astype(np.float32)
+            leaf = leaf.laid_out()
         self._leaf = leaf
         self._device = device
         self._moments: list[tuple[Frame, np.ndarray | None]] = []
@@ -56,6 +61,8 @@ class ContactSheet:
             frame: The frame.
             water_map: Relative water content, row 0 at the bottom, shape [ny, nx]; None where a scene has no map.
         """
+        if self._places is not None:
+            frame = replace(frame, points=frame.points + self._places)
         self._moments.append((frame, None if water_map is None else np.array(water_map, np.float32)))
 
     def draw(self) -> np.ndarray:
@@ -102,7 +109,7 @@ class ContactSheet:
     def _draw_leaves(self, sheet: np.ndarray, layout: Layout, poses: list[np.ndarray], view: tuple) -> None:
         width, height = layout.leaf
         mesh = self._leaf.mesh
-        renderer = LeafRenderer(mesh.triangles, self._leaf.uv, self._leaf.texture, self._device, width, height, SAMPLES)
+        renderer = LeafRenderer(mesh.triangles, self._uv, self._leaf.texture, self._device, width, height, SAMPLES)
         renderer.fit_camera(poses, view, LEAF_MARGIN)
         fade = _border_fade(height, width)
         for index, (frame, _) in enumerate(self._moments):
