@@ -5,16 +5,19 @@ from __future__ import annotations
 import dataclasses
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 from pxr import Kind, Usd, UsdGeom, UsdShade
 
 from leafwarp.cli import main
 from leafwarp.errors import InputError
-from leafwarp.leaf.arrange import axis_angle, grid_cell, make_specimens
+from leafwarp.leaf.arrange import arrange_leaves, axis_angle, grid_cell
 from leafwarp.leaf.leaves import gather_leaves
+from leafwarp.render.contact_sheet import ContactSheet, stacked_textures
 from leafwarp.scene import Scene
 from leafwarp.scene.file import load_scene
+from leafwarp.scene.leaf import LeafTable
 from leafwarp.scene.leaves import LeavesTable
 from leafwarp.sim.simulation import Simulation
 from leafwarp.usd.check import check_usd
@@ -88,6 +91,11 @@ def test_leaves_differ_by_their_own_seed(small_scene, scene_leaf) -> None:
     assert 0.8 <= water.min() < 0.85 and 0.95 < water.max() <= 1.0
 
 
+def specimens_of(table: LeavesTable, leaf):
+    """The leaves of one photo."""
+    return arrange_leaves(table, [leaf], [LeafTable(image="leaf.png", length=0.1)]).specimens
+
+
 def drawn(specimen) -> tuple:
     return (
         *(specimen.size, specimen.stiffness, specimen.water, specimen.seed, specimen.place),
@@ -97,9 +105,9 @@ def drawn(specimen) -> tuple:
 
 def test_one_amount_leaves_the_others_as_they_are(small_scene, scene_leaf) -> None:
     leaf = scene_leaf(changed(small_scene))
-    varied = make_specimens(LeavesTable(**VARIED, count=6), leaf)
+    varied = specimens_of(LeavesTable(**VARIED, count=6), leaf)
     for name in VARIED:
-        without = make_specimens(LeavesTable(**(VARIED | {name: 0.0}), count=6), leaf)
+        without = specimens_of(LeavesTable(**(VARIED | {name: 0.0}), count=6), leaf)
         kept = [field for field in ("size", "stiffness", "water", "seed", "place") if field != name]
         assert [[getattr(s, k) for k in kept] for s in without] == [[getattr(s, k) for k in kept] for s in varied]
 
@@ -107,16 +115,16 @@ def test_one_amount_leaves_the_others_as_they_are(small_scene, scene_leaf) -> No
 def test_a_leaf_turns_about_its_base_and_tilts_its_tip(small_scene, scene_leaf) -> None:
     leaf = scene_leaf(changed(small_scene))
     axis = np.array([np.cos(axis_angle(leaf)), np.sin(axis_angle(leaf)), 0.0])
-    for specimen in make_specimens(LeavesTable(count=30, tilt=40.0), leaf):
+    for specimen in specimens_of(LeavesTable(count=30, tilt=40.0), leaf):
         tip = specimen.rotation @ axis
         assert np.cross(tip, axis)[2] == pytest.approx(0.0, abs=1e-12)  # over the same line on the ground
         assert abs(np.degrees(np.arcsin(tip[2]))) <= 40.0
         assert np.linalg.det(specimen.rotation) == pytest.approx(1.0)
-    for specimen in make_specimens(LeavesTable(count=30, roll=40.0), leaf):
+    for specimen in specimens_of(LeavesTable(count=30, roll=40.0), leaf):
         assert specimen.rotation @ axis == pytest.approx(axis)
-    for specimen in make_specimens(LeavesTable(count=30, turn=40.0), leaf):
+    for specimen in specimens_of(LeavesTable(count=30, turn=40.0), leaf):
         assert specimen.rotation[2] == pytest.approx([0.0, 0.0, 1.0])
-    stem = make_specimens(LeavesTable(count=3, arrangement="stem", spacing=0.01), leaf)
+    stem = specimens_of(LeavesTable(count=3, arrangement="stem", spacing=0.01), leaf)
     headings = [np.degrees(np.arctan2(*(s.rotation @ axis)[1::-1])) % 360.0 for s in stem]
     assert headings == pytest.approx([0.0, 137.508, 275.016], abs=1e-3)
     assert [s.place for s in stem] == [(0.0, 0.0, 0.0), (0.0, 0.0, 0.01), (0.0, 0.0, 0.02)]
@@ -252,6 +260,85 @@ def test_a_killed_run_of_many_leaves_keeps_its_frames(written, tmp_path) -> None
     mesh = UsdGeom.Mesh(stage.GetPrimAtPath("/Leaves/leaf_0005/leaf"))
     moved = last.points[leaves.vertex_slices[4]] + np.float32(1.0)
     assert np.array_equal(mesh.GetPointsAttr().Get(2), moved)
+
+
+TWO_PHOTOS = """
+[[leaf]]
+image = "drawn.png"
+length = "8 cm"
+[[leaf]]
+image = "other.png"
+length = "4 cm"
+camber = 0.0
+"""
+
+
+@pytest.fixture(scope="module")
+def two_photos(small_scene) -> Path:
+    """A scene of two photos: the drawn one, and it turned upside down and bluish."""
+    picture = cv2.imread(str(small_scene.with_name("drawn.png")))
+    cv2.imwrite(str(small_scene.with_name("other.png")), picture[::-1])
+    tables = small_scene.read_text().split("[mesh]")[1]
+    path = small_scene.with_name("two.toml")
+    path.write_text(TWO_PHOTOS + "[mesh]" + tables)
+    return path
+
+
+def test_a_scene_holds_leaves_of_several_photos(two_photos, small_scene, scene_leaf, device, tmp_path) -> None:
+    from leafwarp.run import output_paths, run_scene
+
+    scene = changed(two_photos, output__contact_sheet=True)
+    assert scene.leaves.count == 2 and scene.photos[1].image.is_absolute()
+    leaves = scene_leaf(scene)
+    assert [photo.length for photo in leaves.photos] == pytest.approx([0.08, 0.04])
+    assert leaves.join(lambda photo, specimen: np.array([specimen.camber])).tolist() == [0.01, 0.0]
+    paths = output_paths(scene, tmp_path / "two.usd")
+    report = run_scene(scene, paths, device=device, frames=range(1, 3), progress_level=-1)
+    assert report["leaf"]["count"] == 2
+    assert check_usd(paths.usd) == []
+    stage = Usd.Stage.Open(str(paths.usd))
+    for index, photo in enumerate(leaves.photos):
+        mesh = UsdGeom.Mesh(stage.GetPrimAtPath(f"/Leaves/leaf_{index + 1:04d}/leaf"))
+        assert np.array(mesh.GetFaceVertexIndicesAttr().Get()).max() == photo.mesh.vertex_count - 1
+        material, _ = UsdShade.MaterialBindingAPI(mesh).ComputeBoundMaterial()
+        texture = UsdShade.Shader(stage.GetPrimAtPath(material.GetPath().AppendChild("texture")))
+        number = ("", "_2")[index]
+        assert texture.GetInput("file").Get().path == f"./two_texture{number}.png"
+        assert (tmp_path / f"two_texture{number}.png").is_file()
+
+
+def test_several_photos_share_the_leaves_in_turn(two_photos, scene_leaf) -> None:
+    scene = changed(two_photos, leaves__count=5, leaves__size=0.1)
+    leaves = scene_leaf(scene)
+    assert leaves.photo_of == (0, 1, 0, 1, 0)
+    counts = [photo.mesh.vertex_count for photo in leaves.photos]
+    assert leaves.mesh.vertex_count == 3 * counts[0] + 2 * counts[1]
+
+
+def test_textures_of_several_photos_are_one_picture_on_the_sheet(two_photos, scene_leaf) -> None:
+    leaves = scene_leaf(changed(two_photos))
+    uv, whole = stacked_textures(leaves)
+    for photo, own in zip(leaves.photos, leaves.vertex_slices, strict=True):
+        rows, columns = photo.texture.shape[:2]
+        expected = photo.texture[((1 - photo.uv[:, 1]) * rows).astype(int), (photo.uv[:, 0] * columns).astype(int)]
+        place = np.column_stack(((1 - uv[own, 1]) * whole.shape[0], uv[own, 0] * whole.shape[1])) + 1e-6
+        found = whole[tuple(place.astype(int).T)]
+        assert np.abs(found[:, :3].astype(int) - expected[:, :3]).max() <= 2
+
+
+def test_a_contact_sheet_shows_all_leaves(small_scene, scene_leaf, device) -> None:
+    """Blue patches of water, and green leaves in the picture: as many of each as there are leaves."""
+    scene = changed(small_scene, leaves={"count": 4})
+    leaves = scene_leaf(scene)
+    simulation = Simulation(scene, leaves, device)
+    sheet = ContactSheet(leaves, [1], device)
+    sheet.capture(simulation.read_frame(1), simulation.state["water_now"].numpy())
+    red, green, blue = np.moveaxis(sheet.draw().astype(int), 2, 0)
+    legend = red.shape[0] - 120
+    for shown in (blue > np.maximum(red, green) + 30, green > np.maximum(red, blue) + 30):
+        count, _, boxes, _ = cv2.connectedComponentsWithStats(shown[:legend].astype(np.uint8))
+        assert (boxes[1:, cv2.CC_STAT_AREA] > 500).sum() == 4
+        assert count <= 4 + 40  # the rest are specks of a margin
 
 
 BAD = {

@@ -3,28 +3,37 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
 from leafwarp.leaf.leaf import Leaf
+from leafwarp.leaf.leaves import Leaves, gather_leaves
 from leafwarp.leaf.specimen import Specimen
+from leafwarp.scene.leaf import LeafTable
 from leafwarp.scene.leaves import LeavesTable
 
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))  # between successive leaves of most plants' spirals
 GRID_SPACING, STEM_SPACING = 1.5, 0.25  # of the leaf's length
 
 
-def make_specimens(table: LeavesTable, photo: Leaf) -> list[Specimen]:
-    """The leaves that a scene asks for.
+def arrange_leaves(table: LeavesTable, photos: Sequence[Leaf], cambers: Sequence[LeafTable]) -> Leaves:
+    """The leaves that a scene asks for, of its photos in turn.
 
     Args:
         table: What the scene says of them.
-        photo: The prepared leaf, whose length and axis they are placed and turned by.
+        photos: The prepared leaf of each photo, by whose axes they are turned, and by the longest of which they are
+            spaced.
+        cambers: What the scene says of each photo: the height of the camber, and its seed for leaves without their own.
     """
     spacing = table.spacing
     if spacing is None:
-        spacing = photo.length * (GRID_SPACING if table.arrangement == "grid" else STEM_SPACING)
-    return [_specimen(table, index, axis_angle(photo), spacing) for index in range(table.count)]
+        longest = max(photo.length for photo in photos)
+        spacing = longest * (GRID_SPACING if table.arrangement == "grid" else STEM_SPACING)
+    photo_of = [index % len(photos) for index in range(table.count)]
+    axes = [axis_angle(photo) for photo in photos]
+    specimens = [_specimen(table, index, axes[photo], spacing, cambers[photo]) for index, photo in enumerate(photo_of)]
+    return gather_leaves(photos, photo_of, specimens)
 
 
 def axis_angle(leaf: Leaf) -> float:
@@ -33,7 +42,7 @@ def axis_angle(leaf: Leaf) -> float:
     return math.atan2(tip[1], tip[0])
 
 
-def _specimen(table: LeavesTable, index: int, axis: float, spacing: float) -> Specimen:
+def _specimen(table: LeavesTable, index: int, axis: float, spacing: float, camber: LeafTable) -> Specimen:
     random = np.random.default_rng([table.seed, index])
     # All are drawn, whatever the scene asks for: no amount changes what the others are.
     size, stiffness, turn, tilt, roll = random.uniform(-1.0, 1.0, 5)
@@ -50,7 +59,8 @@ def _specimen(table: LeavesTable, index: int, axis: float, spacing: float) -> Sp
         size=1.0 + table.size * size,
         stiffness=1.0 + table.stiffness * stiffness,
         water=1.0 - table.water * water,
-        seed=seed if table.camber else None,
+        seed=seed if table.camber else camber.seed,
+        camber=camber.camber,
         rotation=_rotation(*angles, axis) if any(angles) else None,
         place=place,
     )

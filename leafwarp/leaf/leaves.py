@@ -70,7 +70,7 @@ class Leaves(Leaf):
 
         def in_tile(photo: Leaf, specimen: Specimen) -> np.ndarray:
             row, column = specimen.corner
-            return (photo.uv + (column // columns, row // rows)) * (width, height)
+            return (photo.uv + np.array([column // columns, row // rows])) * (width, height)
 
         mesh = replace(self.mesh, positions=self.join(in_tile))
         frame = MapFrame((0.0, 0.0), (count_across * width, count_up * height))

@@ -23,6 +23,7 @@ class Specimen:
         stiffness: Its stiffness over that of the scene.
         water: Its content at the start over that of the map.
         seed: Seed of its camber; None for the scene's.
+        camber: Height of its camber over its length; None for the scene's.
         rotation: Turns the photo's plane to the leaf's in the world, about the petiole base, shape [3, 3]; None for a
             leaf that lies as it was photographed.
         place: Its petiole base in the world [m], (x, y, z).
@@ -33,6 +34,7 @@ class Specimen:
     stiffness: float = 1.0
     water: float = 1.0
     seed: int | None = None
+    camber: float | None = None
     rotation: np.ndarray | None = None
     place: tuple[float, float, float] = (0.0, 0.0, 0.0)
     corner: tuple[int, int] = (0, 0)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
@@ -54,6 +55,18 @@ class Scene(Table):
     solver: SolverTable = SolverTable()
     output: OutputTable = OutputTable()
     _where: str = PrivateAttr("")  # what messages call the scene
+
+    @model_validator(mode="before")
+    @classmethod
+    def _several_photos(cls, data: Any) -> Any:
+        """[[leaf]] written more than once: one leaf of each photo, or as many as [leaves] says."""
+        if not isinstance(data, Mapping) or not isinstance(data.get("leaf"), list) or not data["leaf"]:
+            return data
+        first, *further = data["leaf"]
+        leaves = data.get("leaves", {})
+        if isinstance(leaves, Mapping) and "photos" not in leaves:
+            leaves = {"count": 1 + len(further), **leaves, "photos": further}
+        return {**data, "leaf": first, "leaves": leaves}
 
     @model_validator(mode="after")
     def _derived(self) -> Scene:
@@ -109,6 +122,9 @@ class Scene(Table):
                 "fluid.solver = 'conjugate_gradients': accepted with [leaves]: 'factor', which accounts for each "
                 "leaf's water alone"
             )
+        for name, value in self.maps:
+            if self.leaves.photos and isinstance(value, Path):
+                raise ValueError(f"maps.{name}: an image is accepted with one photo; here are {len(self.photos)}")
         cells = math.prod(self.maps.shape) * self.leaves.count if self.map_names else 0
         if cells > MOST_ATLAS_CELLS:
             size = math.isqrt(MOST_ATLAS_CELLS // self.leaves.count)
@@ -124,6 +140,11 @@ class Scene(Table):
         if self.material is None or key in values.model_fields_set:
             return shown
         return f"{shown} (from {self.material.sources(f'{table}.{key}')})"
+
+    @property
+    def photos(self) -> tuple[LeafTable, ...]:
+        """What the scene says of each photo."""
+        return (self.leaf, *(() if self.leaves is None else self.leaves.photos))
 
     @property
     def water_flows(self) -> bool:

@@ -7,17 +7,26 @@ from typing import Annotated, Literal
 from pydantic import Field
 
 from leafwarp.scene.fields import Bounds, Fraction, Integer, Length, Number, Share, Switch, Table
+from leafwarp.scene.leaf import LeafTable
 
 Angle = Annotated[Number, Bounds(0.0, 180.0, "degrees")]
 
 
 class LeavesTable(Table):
-    """Many leaves of the photo. Each draws how it differs from its own seed: more leaves leave the others as they are.
+    """Many leaves of one or more photos. Each draws how it differs from a seed of its own: more leaves leave the others
+    as they are.
 
     Every amount is the most by which a leaf differs, all smaller ones being equally likely; 0 is not at all.
     """
 
-    count: Annotated[Integer, Bounds(1, 100_000)] = Field(description="Number of leaves.")
+    count: Annotated[Integer, Bounds(1, 100_000)] = Field(
+        description="Number of leaves; with [[leaf]] by default that of the photos."
+    )
+    photos: tuple[LeafTable, ...] = Field(
+        (),
+        description="Further photos, tables like [leaf]; [[leaf]] written more than once says the same. The leaves are "
+        "of the photos in turn.",
+    )
     seed: Annotated[Integer, Bounds(0, 2**31 - 1)] = Field(0, description="Seed of all that follows.")
     size: Annotated[Fraction, Bounds(0.0, 0.9)] = Field(
         0.0, description="Lengths of a leaf: up to this share more or less."

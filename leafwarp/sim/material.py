@@ -103,8 +103,9 @@ def start_positions(scene: Scene, leaf: Leaf) -> np.ndarray:
 
 
 def _rest_shape(scene: Scene, photo: Leaf, specimen: Specimen) -> np.ndarray:
+    camber = scene.leaf.camber if specimen.camber is None else specimen.camber
     seed = scene.leaf.seed if specimen.seed is None else specimen.seed
-    return specimen.size * cambered_positions(photo, scene.leaf.camber, seed)
+    return specimen.size * cambered_positions(photo, camber, seed)
 
 
 def membrane_stiffness(scene: Scene, leaf: Leaf) -> np.ndarray:

@@ -17,6 +17,7 @@ from pathlib import Path
 from pxr import Sdf, Tf
 
 from leafwarp.errors import InputError, OutputError
+from leafwarp.files import texture_path
 
 SUFFIXES = (".usd", ".usda", ".usdc")
 _ASIDE = "writing"  # stem of the file under way; USD itself writes to this name and a random tail first
@@ -40,12 +41,6 @@ def _reason(diagnostic: str) -> str:
             return os.strerror(code)
     _, _, message = diagnostic.strip().splitlines()[0].partition(" : ")
     return message.strip("'") or diagnostic.strip().splitlines()[0]
-
-
-def texture_path(usd: Path, index: int) -> Path:
-    """Where the texture of a photo lies, beside the USD."""
-    number = "" if index == 0 else f"_{index + 1}"
-    return usd.with_name(f"{usd.stem}_texture{number}.png")
 
 
 @dataclass(frozen=True)
