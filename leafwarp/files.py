@@ -27,3 +27,9 @@ def write_bytes(path: Path, data: bytes) -> None:
 def write_text(path: Path, text: str) -> None:
     """As :func:`write_bytes`, for text."""
     write_bytes(path, text.encode())
+
+
+def texture_path(usd: Path, index: int) -> Path:
+    """Where the texture of a photo lies, beside the USD."""
+    number = "" if index == 0 else f"_{index + 1}"
+    return usd.with_name(f"{usd.stem}_texture{number}.png")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from leafwarp.prepare import prepare_scene_leaf
-from leafwarp.report import mesh_report
+from leafwarp.report import map_report, mesh_report
 from leafwarp.scene import Scene
 from leafwarp.scene.warnings import MANY_SUBSTEPS
 
@@ -45,7 +45,7 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
         "device": simulation.state.device.alias,
         "precision": scene.solver.precision,
         "mesh": mesh_report(simulation),
-        "map": list(scene.maps.shape) if scene.map_names else None,
+        "map": map_report(simulation),
         "fluid_steps": fluid_steps,
         "largest_beta": _largest_beta(simulation),
         "substeps_per_frame": substeps,
@@ -73,8 +73,9 @@ def _largest_beta(simulation: Simulation) -> float | None:
 def print_plan(report: dict[str, Any]) -> None:
     """Print a plan for people."""
     mesh = report["mesh"]
+    many = f"{mesh['leaves']} leaves in the launches of one, " if mesh["leaves"] > 1 else ""
     print(
-        f"{report['scene']}: {mesh['vertices']} vertices, {mesh['triangles']} triangles, "
+        f"{report['scene']}: {many}{mesh['vertices']} vertices, {mesh['triangles']} triangles, "
         f"{mesh['edge_springs']} edge springs, {mesh['angular_springs']} angular springs"
     )
     cells = f"map of {report['map'][0]} x {report['map'][1]} cells, " if report["map"] else "no maps, "

@@ -1,4 +1,4 @@
-"""The leaf that a scene asks for."""
+"""The leaf, or the leaves, that a scene asks for."""
 
 from __future__ import annotations
 
@@ -7,31 +7,40 @@ from pathlib import Path
 from leafwarp.leaf import LeafRequest, prepare_leaf
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
+from leafwarp.scene.leaf import LeafTable
 
 
 def prepare_scene_leaf(scene: Scene, cache: Path | None) -> Leaf:
-    """Prepare a scene's leaf: its mesh, and the maps that the scene requires.
+    """Prepare a scene's leaf, or all of its leaves as one: the mesh, and the maps that the scene requires.
 
     Args:
         scene: The scene.
         cache: Folder of leaves prepared before; None to prepare anew.
 
     Raises:
-        InputError: The photo or a map cannot be used.
+        InputError: A photo or a map cannot be used.
     """
-    request = LeafRequest(
-        scene.leaf.image,
-        length=scene.leaf.length,
-        pixels_per_metre=scene.leaf.pixels_per_metre,
-        mask=scene.leaf.mask,
-        rect=scene.leaf.rect,
-        base=scene.leaf.base,
-        holes=scene.leaf.holes,
+    photos = [prepare_leaf(_request(scene, table), cache) for table in scene.photos]
+    if scene.leaves is None:
+        return photos[0]
+    from leafwarp.leaf.arrange import arrange_leaves
+
+    return arrange_leaves(scene.leaves, photos, scene.photos)
+
+
+def _request(scene: Scene, table: LeafTable) -> LeafRequest:
+    return LeafRequest(
+        table.image,
+        length=table.length,
+        pixels_per_metre=table.pixels_per_metre,
+        mask=table.mask,
+        rect=table.rect,
+        base=table.base,
+        holes=table.holes,
         vertices=scene.mesh.vertices,
         follow_veins=scene.mesh.follow_veins,
         map_size=scene.maps.shape if scene.map_names else None,
         maps={name: getattr(scene.maps, name) for name in scene.map_names},
-        seed=scene.leaf.seed,
+        seed=table.seed,
         texture_limit=scene.output.texture_limit,
     )
-    return prepare_leaf(request, cache)

@@ -41,14 +41,21 @@ def peak_memory() -> int | None:
 
 
 def mesh_report(simulation: Simulation) -> dict[str, int]:
-    """Counts of the mesh and its springs."""
+    """Counts of the leaves, of their mesh and its springs."""
     mesh = simulation.leaf.mesh
     return {
+        "leaves": len(simulation.leaf.specimens),
         "vertices": mesh.vertex_count,
         "triangles": mesh.triangle_count,
         "edge_springs": mesh.edge_count,
         "angular_springs": mesh.hinge_count if simulation.scene.has_angular_springs else 0,
     }
+
+
+def map_report(simulation: Simulation) -> list[int] | None:
+    """Width and height of the map of all leaves [cell]; None where there are no maps."""
+    mask = simulation.leaf.mask
+    return None if mask is None else [mask.shape[1], mask.shape[0]]
 
 
 def make_report(
@@ -74,7 +81,7 @@ def make_report(
         "precision": scene.solver.precision,
         "warnings": list(scene.warnings),
         "mesh": mesh_report(simulation),
-        "map": list(scene.maps.shape) if scene.map_names else None,
+        "map": map_report(simulation),
         "fluid": _fluid_report(simulation) if simulation.fluid is not None else None,
         "substeps": {"least": min(substeps, default=0), "most": max(substeps, default=0), "total": sum(substeps)},
         "motion": {

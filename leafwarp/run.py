@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from leafwarp import __version__
 from leafwarp.errors import InputError, LeafwarpError, OutputError
-from leafwarp.files import write_text
+from leafwarp.files import texture_path, write_text
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.progress import Progress
 from leafwarp.report import make_report
@@ -38,10 +38,13 @@ class OutputPaths:
     """Where the results of a run go."""
 
     usd: Path
-    texture: Path
     report: Path
     contact_sheet: Path
     cache: Path
+
+    def textures(self, count: int) -> list[Path]:
+        """The texture of each photo."""
+        return [texture_path(self.usd, index) for index in range(count)]
 
     def map(self, name: str) -> Path:
         """Picture of a map."""
@@ -62,7 +65,6 @@ def output_paths(scene: Scene, output: Path) -> OutputPaths:
     usd = output.with_suffix(suffix) if suffix in USD_SUFFIXES else output / f"{scene.name}.usd"
     return OutputPaths(
         usd=usd,
-        texture=usd.with_name(f"{usd.stem}_texture.png"),
         report=usd.with_suffix(".report.json"),
         contact_sheet=usd.with_name(f"{usd.stem}_contact_sheet.png"),
         cache=usd.parent / CACHE_FOLDER,
@@ -75,9 +77,11 @@ def make_output_folder(scene: Scene, paths: OutputPaths, overwrite: bool, maps: 
     Raises:
         InputError: A result is there already or is one of the scene's own images, or the folder cannot be written.
     """
-    results = [paths.usd, paths.texture, paths.report, *([paths.contact_sheet] * scene.output.contact_sheet)]
+    results = [paths.usd, *paths.textures(len(scene.photos)), paths.report]
+    results += [paths.contact_sheet] * scene.output.contact_sheet
     results += [paths.map(name) for name in scene.map_names if maps]
-    inputs = [scene.leaf.image, scene.leaf.mask, *(getattr(scene.maps, name) for name in scene.map_names)]
+    inputs = [path for photo in scene.photos for path in (photo.image, photo.mask)]
+    inputs += [*(getattr(scene.maps, name) for name in scene.map_names)]
     images = {Path(path).resolve() for path in inputs if isinstance(path, Path)}
     for path in results:
         if path.resolve() in images:
@@ -217,7 +221,7 @@ def save_maps(leaf: Leaf, folder: Path, stem: str) -> list[Path]:
     """Write the maps of a leaf as pictures ``STEM.NAME.png`` of the whole photo, which a scene can name in their stead.
 
     Args:
-        leaf: The leaf, made from a photo.
+        leaf: The leaf, made from a photo; of many leaves, those maps that they have in common.
         folder: Where to write.
         stem: Start of the files' names.
 
@@ -232,6 +236,7 @@ def save_maps(leaf: Leaf, folder: Path, stem: str) -> list[Path]:
 
     if not leaf.maps:
         return []
+    leaf = leaf.photos[0]
     frame = PixelFrame.of(leaf)
     return write_maps(leaf.maps, leaf.mask, folder, stem, frame=frame, photo_size=leaf.findings.photo_size)
 
@@ -240,12 +245,13 @@ def _leaf_report(leaf: Leaf) -> dict[str, Any]:
     """What was found in the photo, as plain data."""
     findings = leaf.findings
     return {
+        "count": len(leaf.specimens),
         "length": leaf.length,
         "area": float(leaf.mesh.vertex_areas.sum()),
         "confidence": None if findings is None else findings.confidence,
         "base_found": None if findings is None else findings.base_found,
         "vein_kind": None if findings is None else findings.vein_kind,
-        "notes": [] if findings is None else list(findings.notes),
+        "notes": [note for photo in leaf.photos if photo.findings is not None for note in photo.findings.notes],
         "seconds": {} if findings is None else dict(findings.seconds),
     }
 

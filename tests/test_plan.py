@@ -114,6 +114,7 @@ VARIANTS = {
     "bramble, paper": ("bramble", {"structure.bending": "paper"}),
     "bramble, unsplit": ("bramble", {"fluid.scheme": "unsplit", "maps.size": 32, "mesh.vertices": 100}),
     **{path.stem: (path.stem, {}) for path in sorted((ROOT / "scenes").glob("*.toml"))},
+    "many": ("many", {"leaves.count": 4}),
 }
 
 

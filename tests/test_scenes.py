@@ -26,7 +26,7 @@ def shipped(name: str, **changes) -> Scene:
 
 @pytest.mark.parametrize("name", sorted(p.stem for p in SCENES.glob("*.toml")))
 def test_meshes_are_discs(name: str, scene_leaf) -> None:
-    mesh = scene_leaf(shipped(name)).mesh
+    mesh = scene_leaf(shipped(name)).photos[0].mesh
     check_topology(mesh)
     assert mesh.vertex_count - mesh.edge_count + mesh.triangle_count == 1
     assert mesh.vertex_count == pytest.approx(shipped(name).mesh.vertices, rel=0.02)

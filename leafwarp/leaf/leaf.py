@@ -2,9 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
+
+from leafwarp.leaf.specimen import AS_PHOTOGRAPHED, Specimen
 
 
 @dataclass(frozen=True)
@@ -123,3 +126,35 @@ class Leaf:
     def uv(self) -> np.ndarray:
         """Map coordinates of the vertices, shape [vertex_count, 2], float64."""
         return self.frame.uv(self.mesh.positions)
+
+    @property
+    def photos(self) -> tuple[Leaf, ...]:
+        """The prepared leaf of each photo."""
+        return (self,)
+
+    @property
+    def photo_of(self) -> tuple[int, ...]:
+        """Index of the photo of each leaf."""
+        return (0,)
+
+    @property
+    def specimens(self) -> tuple[Specimen, ...]:
+        """How each leaf departs from its photo."""
+        return (AS_PHOTOGRAPHED,)
+
+    @property
+    def vertex_slices(self) -> tuple[slice, ...]:
+        """Where each leaf's vertices are: all of them belong to the one leaf."""
+        return (slice(0, self.mesh.vertex_count),)
+
+    def join(self, function: Callable[[Leaf, Specimen], np.ndarray]) -> np.ndarray:
+        """What a function makes of each leaf (a value or row for each of its points), one after the other.
+
+        Args:
+            function: Of the leaf as photographed, and of how it departs from that.
+        """
+        return function(self, AS_PHOTOGRAPHED)
+
+    def tile(self, function: Callable[[Leaf, Specimen], np.ndarray]) -> np.ndarray:
+        """What a function makes of each leaf, a map, as a map of all. Arguments as :meth:`join`."""
+        return function(self, AS_PHOTOGRAPHED)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import cv2
@@ -11,6 +12,7 @@ import numpy as np
 from leafwarp.files import write_bytes
 from leafwarp.frame import Frame
 from leafwarp.leaf.leaf import Leaf
+from leafwarp.leaf.specimen import Specimen
 from leafwarp.render.camera import checked_points, seen_size
 from leafwarp.render.layout import FOOTER, MARGIN, Layout, arrange
 from leafwarp.render.renderer import PAPER, VIEW, LeafRenderer, ground_height, shadow_points
@@ -38,13 +40,18 @@ class ContactSheet:
     """Collects moments while a scene runs, and draws them at the end, when the room that they need is known.
 
     Args:
-        leaf: The leaf.
+        leaf: The leaf, or the leaves: all are shown at their places, and the map of their water.
         frames: Numbers of the frames to show.
         device: Warp device that draws.
     """
 
     def __init__(self, leaf: Leaf, frames: Sequence[int], device: str = "cpu"):
         self.frames = tuple(frames)
+        self._places, self._uv, self._texture = None, leaf.uv, leaf.texture
+        if len(leaf.specimens) > 1:
+            self._uv, self._texture = stacked_textures(leaf)
+            self._places = leaf.places.astype(np.float32)
+            leaf = leaf.laid_out()
         self._leaf = leaf
         self._device = device
         self._moments: list[tuple[Frame, np.ndarray | None]] = []
@@ -56,6 +63,8 @@ class ContactSheet:
             frame: The frame.
             water_map: Relative water content, row 0 at the bottom, shape [ny, nx]; None where a scene has no map.
         """
+        if self._places is not None:
+            frame = replace(frame, points=frame.points + self._places)
         self._moments.append((frame, None if water_map is None else np.array(water_map, np.float32)))
 
     def draw(self) -> np.ndarray:
@@ -102,7 +111,7 @@ class ContactSheet:
     def _draw_leaves(self, sheet: np.ndarray, layout: Layout, poses: list[np.ndarray], view: tuple) -> None:
         width, height = layout.leaf
         mesh = self._leaf.mesh
-        renderer = LeafRenderer(mesh.triangles, self._leaf.uv, self._leaf.texture, self._device, width, height, SAMPLES)
+        renderer = LeafRenderer(mesh.triangles, self._uv, self._texture, self._device, width, height, SAMPLES)
         renderer.fit_camera(poses, view, LEAF_MARGIN)
         fade = _border_fade(height, width)
         for index, (frame, _) in enumerate(self._moments):
@@ -117,6 +126,30 @@ class ContactSheet:
             return None
         share = np.clip(np.linalg.norm(frame.color - first, axis=1) / FULL_TINT, 0.0, 1.0)
         return np.column_stack([frame.color, share])
+
+
+def stacked_textures(leaf: Leaf) -> tuple[np.ndarray, np.ndarray]:
+    """The textures of all photos in one, the first at the top, and where the vertices lie in it.
+
+    Returns:
+        Texture coordinates, shape [vertex_count, 2], and the texture, 8-bit, shape [height, width, 3], or 4 with an
+        opacity.
+    """
+    textures = [photo.texture for photo in leaf.photos]
+    height = sum(texture.shape[0] for texture in textures)
+    width, channels = (max(texture.shape[axis] for texture in textures) for axis in (1, 2))
+    whole = np.full((height, width, channels), 255, np.uint8)
+    tops = np.cumsum([0, *(texture.shape[0] for texture in textures)])
+    for top, texture in zip(tops, textures, strict=False):
+        whole[top : top + texture.shape[0], : texture.shape[1], : texture.shape[2]] = texture
+    top_of = {id(photo): top for photo, top in zip(leaf.photos, tops, strict=False)}
+
+    def in_whole(photo: Leaf, specimen: Specimen) -> np.ndarray:
+        rows, columns = photo.texture.shape[:2]
+        from_top = top_of[id(photo)] + (1.0 - photo.uv[:, 1]) * rows
+        return np.column_stack((photo.uv[:, 0] * columns / width, 1.0 - from_top / height))
+
+    return leaf.join(in_whole), whole
 
 
 def _view(leaf: Leaf, poses: list[np.ndarray]) -> tuple[float, float, float]:

@@ -6,7 +6,9 @@ is compiled, no array allocated and nothing launched for it (see :mod:`leafwarp.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
@@ -15,11 +17,15 @@ from leafwarp.errors import InputError
 from leafwarp.scene.derived import derived_tables
 from leafwarp.scene.explain import explain
 from leafwarp.scene.fields import Curve, Table, plain_number, varies
-from leafwarp.scene.leaf import LeafTable, MapsTable, MeshTable
+from leafwarp.scene.leaf import MOST_CELLS, LeafTable, MapsTable, MeshTable
+from leafwarp.scene.leaves import LeavesTable
 from leafwarp.scene.material import MaterialTable
 from leafwarp.scene.running import OutputTable, SolverTable, TimeTable
 from leafwarp.scene.structure import MOST_SHRINK, CurlTable, MotionTable, ShrinkTable, StructureTable
 from leafwarp.scene.water import AirTable, FluidTable, SourceTable, StomataTable, TranspirationTable, WaterTable
+
+# Cells of the maps of all leaves together: a square of the most that one map may have each way.
+MOST_ATLAS_CELLS = MOST_CELLS**2
 
 __all__ = ["Curve", "MotionTable", "Scene", "put_value"]
 
@@ -31,6 +37,7 @@ class Scene(Table):
         "leaf", pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the outputs; default: the file's name."
     )
     leaf: LeafTable
+    leaves: LeavesTable | None = None
     mesh: MeshTable = MeshTable()
     maps: MapsTable = MapsTable()
     time: TimeTable
@@ -48,6 +55,18 @@ class Scene(Table):
     solver: SolverTable = SolverTable()
     output: OutputTable = OutputTable()
     _where: str = PrivateAttr("")  # what messages call the scene
+
+    @model_validator(mode="before")
+    @classmethod
+    def _several_photos(cls, data: Any) -> Any:
+        """[[leaf]] written more than once: one leaf of each photo, or as many as [leaves] says."""
+        if not isinstance(data, Mapping) or not isinstance(data.get("leaf"), list) or not data["leaf"]:
+            return data
+        first, *further = data["leaf"]
+        leaves = data.get("leaves", {})
+        if isinstance(leaves, Mapping) and "photos" not in leaves:
+            leaves = {"count": 1 + len(further), **leaves, "photos": further}
+        return {**data, "leaf": first, "leaves": leaves}
 
     @model_validator(mode="after")
     def _derived(self) -> Scene:
@@ -86,10 +105,33 @@ class Scene(Table):
             raise ValueError(
                 "motion.settle needs motion.gravity or motion.wind: without a load the leaf is at rest already"
             )
+        if self.leaves is not None:
+            self._check_leaves()
         for name in ("venation", "stomata", "water", "source"):
             if name in self.maps.model_fields_set and name not in self.map_names:
                 raise ValueError(f"maps.{name} is given, but nothing in this scene depends on that map")
         return self
+
+    def _check_leaves(self) -> None:
+        if self.motion.method != "explicit":
+            raise ValueError(f"motion.method = '{self.motion.method}': accepted with [leaves]: 'explicit'")
+        if self.leaves.water > 0.0 and self.fluid is None:
+            raise ValueError("leaves.water needs [fluid]: with [water] the water is prescribed")
+        if self.water_flows and self.fluid.scheme == "unsplit" and self.fluid.solver == "conjugate_gradients":
+            raise ValueError(
+                "fluid.solver = 'conjugate_gradients': accepted with [leaves]: 'factor', which accounts for each "
+                "leaf's water alone"
+            )
+        for name, value in self.maps:
+            if self.leaves.photos and isinstance(value, Path):
+                raise ValueError(f"maps.{name}: an image is accepted with one photo; here are {len(self.photos)}")
+        cells = math.prod(self.maps.shape) * self.leaves.count if self.map_names else 0
+        if cells > MOST_ATLAS_CELLS:
+            size = math.isqrt(MOST_ATLAS_CELLS // self.leaves.count)
+            raise ValueError(
+                f"maps.size = {list(self.maps.shape)} and leaves.count = {self.leaves.count} make {cells:.3g} cells; "
+                f"accepted: at most {MOST_ATLAS_CELLS:.3g}, a size of {size} or less"
+            )
 
     def _shown(self, table: str, key: str) -> str:
         """A key and its number; where it is not given, with the keys of [material] that it follows from."""
@@ -98,6 +140,11 @@ class Scene(Table):
         if self.material is None or key in values.model_fields_set:
             return shown
         return f"{shown} (from {self.material.sources(f'{table}.{key}')})"
+
+    @property
+    def photos(self) -> tuple[LeafTable, ...]:
+        """What the scene says of each photo."""
+        return (self.leaf, *(() if self.leaves is None else self.leaves.photos))
 
     @property
     def water_flows(self) -> bool:

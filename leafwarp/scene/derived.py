@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from pydantic import ValidationError
@@ -15,6 +16,7 @@ if TYPE_CHECKING:
     from leafwarp.scene.material import MaterialTable
 
 MOLAR_MASS_OF_WATER = 0.018015  # [kg/mol]
+CELLS_PER_EDGE = 3  # of a map whose size the mesh decides
 
 
 def derived_tables(scene: Scene) -> dict[str, Table | None]:
@@ -46,6 +48,8 @@ def derived_tables(scene: Scene) -> dict[str, Table | None]:
             raise ValueError(f"{name}.{key}: missing; give it, or a [material] that it follows from")
     if tables.get("motion", scene.motion).method != "explicit":
         tables["solver"] = _in_double_precision(scene)
+    if scene.leaves is not None:
+        tables["maps"] = scene.maps.filled(size=suitable_cells(scene.mesh.vertices))
     if scene.stomata is not None or scene.air is not None:
         tables["transpiration"] = _transpiration(scene, tables["structure"].water_mass)
     return tables
@@ -65,6 +69,12 @@ def _filled(name: str, table: Table, material: MaterialTable) -> Table:
                 f"{material.sources(f'{name}.{key}')}: they make {name}.{key} = {plain_number(value)}; {accepted}"
             ) from None
     return filled
+
+
+def suitable_cells(vertices: int) -> int:
+    """Cells across a map of one of many leaves: about three between two vertices, in whole blocks of 32."""
+    across = CELLS_PER_EDGE * math.sqrt(2.0 * vertices)  # a leaf fills about half of its map
+    return min(256, 32 * max(1, round(across / 32)))
 
 
 def _in_double_precision(scene: Scene) -> Table:

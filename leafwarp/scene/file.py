@@ -10,6 +10,7 @@ from typing import Any
 
 from leafwarp.errors import InputError
 from leafwarp.scene import Scene, put_value
+from leafwarp.scene.fields import Table
 
 
 def parse_scene(data: Mapping[str, Any], where: str, folder: Path) -> Scene:
@@ -30,7 +31,14 @@ def parse_scene(data: Mapping[str, Any], where: str, folder: Path) -> Scene:
         for key, value in getattr(scene, table)
         if isinstance(value, Path)
     }
+    if scene.leaves is not None and scene.leaves.photos:
+        absolute["leaves.photos"] = [_with_absolute_paths(photo, folder) for photo in scene.leaves.photos]
     return scene.with_changes(absolute)
+
+
+def _with_absolute_paths(photo: Table, folder: Path) -> dict[str, Any]:
+    values = photo.model_dump(exclude_unset=True)
+    return {key: folder / value if isinstance(value, Path) else value for key, value in values.items()}
 
 
 def load_scene(path: Path, changes: Sequence[str] = ()) -> Scene:

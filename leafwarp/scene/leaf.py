@@ -9,7 +9,8 @@ from pydantic import Field, model_validator
 
 from leafwarp.scene.fields import Bounds, Component, Fraction, Integer, Length, Number, Share, Switch, Table
 
-Cells = Annotated[Integer, Bounds(1, 8192)]
+MOST_CELLS = 8192  # of a map, each way
+Cells = Annotated[Integer, Bounds(1, MOST_CELLS)]
 
 
 class LeafTable(Table):
@@ -62,7 +63,9 @@ class MapsTable(Table):
     """The maps that the fluid lives on. Each is "auto" or an image that covers the same picture as the photo."""
 
     size: tuple[Cells, Cells] | Cells = Field(
-        256, description="Cells of the map: one number for a square one, or [width, height]."
+        256,
+        description="Cells of the map: one number for a square one, or [width, height]; default: 256, with [leaves] "
+        "what suits the vertices, 32 to 256.",
     )
     venation: Literal["auto", "photo", "pinnate", "palmate", "parallel"] | Path = Field(
         "auto",

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
+from leafwarp.scene.derived import suitable_cells
 from leafwarp.scene.fields import plain_number
 
 if TYPE_CHECKING:
@@ -152,7 +153,20 @@ def slow_motion(scene: Scene) -> Iterator[str]:
         )
 
 
+def fine_maps(scene: Scene) -> Iterator[str]:
+    """A line if many leaves have maps far finer than their meshes."""
+    if scene.leaves is None or not scene.map_names:
+        return
+    suitable = suitable_cells(scene.mesh.vertices)
+    cells = math.prod(scene.maps.shape)
+    if cells > 4 * suitable**2:
+        yield (
+            f"maps.size = {list(scene.maps.shape)} for each of {scene.leaves.count} leaves of {scene.mesh.vertices} "
+            f"vertices: usual: {suitable}, in {suitable**2 / cells:.0%} of the time and memory"
+        )
+
+
 def warnings_of(scene: Scene) -> tuple[str, ...]:
     """What of a scene is accepted but unusual, one line each."""
-    kinds = (unusual_values, opening_stomata, events_without_effect, assumed_values, slow_motion)
+    kinds = (unusual_values, opening_stomata, events_without_effect, assumed_values, slow_motion, fine_maps)
     return tuple(line for kind in kinds for line in kind(scene))

@@ -20,6 +20,7 @@ from typing import ClassVar
 import numpy as np
 
 from leafwarp.leaf.leaf import Leaf
+from leafwarp.leaf.specimen import Specimen, once_a_photo
 from leafwarp.scene import Curve, Scene
 from leafwarp.sim import material
 from leafwarp.sim.launch import ArraySpec, State, padded_shape
@@ -77,11 +78,19 @@ class Stencils(Stage):
         )
 
     def bind(self, state: State) -> None:
-        shape = self.leaf.mask.shape
+        whole = padded_shape(self.leaf.mask.shape)
         for points in self.points:
-            cells, weights = sampling_stencils(point_uv(self.leaf, points), self.leaf.mask, self.leaf.frame.size)
-            rows, columns = np.unravel_index(cells, shape)
-            state.upload(f"{points}_stencil_cells", np.ravel_multi_index((rows, columns), padded_shape(shape)))
+            stencils = once_a_photo(
+                lambda photo, points=points: sampling_stencils(point_uv(photo, points), photo.mask, photo.frame.size)
+            )
+
+            def cells(photo: Leaf, specimen: Specimen, stencils=stencils) -> np.ndarray:
+                rows, columns = np.unravel_index(stencils(photo, specimen)[0], photo.mask.shape)
+                row, column = specimen.corner
+                return np.ravel_multi_index((row + rows, column + columns), whole)
+
+            weights = self.leaf.join(lambda photo, specimen, stencils=stencils: stencils(photo, specimen)[1])
+            state.upload(f"{points}_stencil_cells", self.leaf.join(cells))
             state.upload(f"{points}_stencil_weights", weights)
 
 
@@ -130,12 +139,17 @@ class SampleVenation(_Sampling):
         self.arrays = (spec, *self.arrays)
 
     def bind(self, state: State) -> None:
-        ends = self.leaf.mesh.positions[self.leaf.mesh.edges]
-        half_edge = 0.5 * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean()
-        height, width = self.leaf.mask.shape
-        radius = (half_edge * width / self.leaf.frame.size[0], half_edge * height / self.leaf.frame.size[1])
-        state.upload("venation", smooth_over_leaf(self.leaf.maps["venation"], self.leaf.mask, radius))
+        state.upload("venation", self.leaf.tile(once_a_photo(_smooth_venation)))
         super().bind(state)
+
+
+def _smooth_venation(leaf: Leaf) -> np.ndarray:
+    """Venation smoothed to half of the mean edge length, shape [ny, nx]."""
+    ends = leaf.mesh.positions[leaf.mesh.edges]
+    half_edge = 0.5 * np.linalg.norm(ends[:, 0] - ends[:, 1], axis=1).mean()
+    height, width = leaf.mask.shape
+    radius = (half_edge * width / leaf.frame.size[0], half_edge * height / leaf.frame.size[1])
+    return smooth_over_leaf(leaf.maps["venation"], leaf.mask, radius)
 
 
 class SampleWater(_Sampling):
@@ -269,7 +283,7 @@ class RestLengths(_Response):
         from leafwarp.sim.vein_direction import edge_alignment
 
         along = self.scene.shrink.along_veins
-        return 0.5 * (1.0 + along) - 0.5 * (1.0 - along) * edge_alignment(self.leaf)
+        return 0.5 * (1.0 + along) - 0.5 * (1.0 - along) * self.leaf.join(once_a_photo(edge_alignment))
 
 
 class RestAngles(_Response):
@@ -336,10 +350,10 @@ class Stiffness(Stage):
             )
 
     def bind(self, state: State) -> None:
-        structure, mesh = self.scene.structure, self.leaf.mesh
-        lamina = {"edge": material.edge_stiffness(mesh, structure.membrane_stiffness)}
+        scene, leaf, structure = self.scene, self.leaf, self.scene.structure
+        lamina = {"edge": material.edge_stiffness(leaf.mesh, material.membrane_stiffness(scene, leaf))}
         if "hinge" in self.springs:
-            lamina["hinge"] = material.hinge_stiffness(mesh, structure.bending_stiffness)
+            lamina["hinge"] = material.hinge_stiffness(leaf.mesh, material.bending_stiffness(scene, leaf))
         curve = _upload_curve(state, "stiffness", structure.stiffness_factor) if self.scene.stiffness_varies else ()
         for s in self.springs:
             over_lamina = structure.vein_bending_stiffness if s == "hinge" else structure.vein_stiffness

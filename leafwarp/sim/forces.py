@@ -81,7 +81,7 @@ def fill_vertices(scene: Scene, leaf: Leaf, state: State) -> None:
     structure = scene.structure
     # A leaf whose water flows starts out saturated, until its water is first sampled.
     water = 1.0 if scene.water is None else scene.water.curve[0][1]
-    state.upload("position", material.rest_positions(scene, leaf))
+    state.upload("position", material.start_positions(scene, leaf))
     state.upload("mass", material.vertex_mass(leaf.mesh, structure.dry_mass, structure.water_mass, water))
     state.upload("pinned", material.pinned_vertices(leaf, scene.motion))
 
@@ -89,7 +89,7 @@ def fill_vertices(scene: Scene, leaf: Leaf, state: State) -> None:
 def fill_edges(scene: Scene, leaf: Leaf, state: State) -> None:
     """Fill the edge springs' arrays: at rest in the photo's shape."""
     state.upload("edge_rest_length", material.edge_lengths(leaf.mesh, material.rest_positions(scene, leaf)))
-    state.upload("edge_stiffness", material.edge_stiffness(leaf.mesh, scene.structure.membrane_stiffness))
+    state.upload("edge_stiffness", material.edge_stiffness(leaf.mesh, material.membrane_stiffness(scene, leaf)))
     fill_edge_tables(leaf.mesh.edges, leaf.mesh.vertex_count, state)
 
 
@@ -107,7 +107,7 @@ def fill_hinges(scene: Scene, leaf: Leaf, state: State) -> None:
     rest = material.dihedral_angles(leaf.mesh, material.rest_positions(scene, leaf))
     state.upload("hinge_rest_angle", rest)
     state.upload("hinge_angle", rest)
-    state.upload("hinge_stiffness", material.hinge_stiffness(leaf.mesh, scene.structure.bending_stiffness or 0.0))
+    state.upload("hinge_stiffness", material.hinge_stiffness(leaf.mesh, material.bending_stiffness(scene, leaf)))
     fill_hinge_tables(leaf.mesh.hinges, leaf.mesh.vertex_count, state)
 
 

@@ -7,12 +7,13 @@ import numpy as np
 
 from leafwarp.errors import InputError
 from leafwarp.leaf.leaf import Leaf, LeafMesh
+from leafwarp.leaf.specimen import Specimen
 from leafwarp.scene import MotionTable, Scene
 
 PIN_RADIUS = 0.03  # of the leaf's length
 
 
-def edge_stiffness(mesh: LeafMesh, membrane_stiffness: float) -> np.ndarray:
+def edge_stiffness(mesh: LeafMesh, membrane_stiffness: float | np.ndarray) -> np.ndarray:
     """Stiffness of each edge spring [N/m], shape [edge_count].
 
     ``k = E h (sum of the adjacent triangles' areas) / |e|^2`` (Van Gelder 1998). On an equilateral mesh the
@@ -20,18 +21,18 @@ def edge_stiffness(mesh: LeafMesh, membrane_stiffness: float) -> np.ndarray:
 
     Args:
         mesh: The flat mesh.
-        membrane_stiffness: Young's modulus times thickness, ``E h`` [N/m].
+        membrane_stiffness: Young's modulus times thickness, ``E h`` [N/m], one for all or shape [edge_count].
     """
     return membrane_stiffness * mesh.edge_areas / _squared_lengths(mesh, mesh.edges)
 
 
-def hinge_stiffness(mesh: LeafMesh, bending_stiffness: float) -> np.ndarray:
+def hinge_stiffness(mesh: LeafMesh, bending_stiffness: float | np.ndarray) -> np.ndarray:
     """Stiffness of each angular spring [N m/rad], shape [hinge_count]: ``k = D |e|^2 / (A1 + A2)``.
 
     Args:
         mesh: The flat mesh.
-        bending_stiffness: ``D = E h^3 / (12 (1 - nu^2))`` of the sheet [N m]. The hinges stand for a sheet
-            whose bending Poisson ratio is -1/3: a narrow strip bends with about 0.95 D.
+        bending_stiffness: ``D = E h^3 / (12 (1 - nu^2))`` of the sheet [N m], one for all or shape [hinge_count]. The
+            hinges stand for a sheet whose bending Poisson ratio is -1/3: a narrow strip bends with about 0.95 D.
     """
     return bending_stiffness * _squared_lengths(mesh, mesh.hinges[:, :2]) / _hinge_areas(mesh)
 
@@ -88,7 +89,35 @@ def cambered_positions(leaf: Leaf, camber: float, seed: int) -> np.ndarray:
 
 def rest_positions(scene: Scene, leaf: Leaf) -> np.ndarray:
     """The unstressed shape that a scene asks for, the photo's with its camber [m], shape [vertex_count, 3]."""
-    return cambered_positions(leaf, scene.leaf.camber, scene.leaf.seed)
+    return leaf.join(lambda photo, specimen: _rest_shape(scene, photo, specimen))
+
+
+def start_positions(scene: Scene, leaf: Leaf) -> np.ndarray:
+    """The unstressed shape as each leaf is turned in the world, about its petiole base [m], shape [vertex_count, 3]."""
+
+    def turned(photo: Leaf, specimen: Specimen) -> np.ndarray:
+        shape = _rest_shape(scene, photo, specimen)
+        return shape if specimen.rotation is None else shape @ specimen.rotation.T
+
+    return leaf.join(turned)
+
+
+def _rest_shape(scene: Scene, photo: Leaf, specimen: Specimen) -> np.ndarray:
+    camber = scene.leaf.camber if specimen.camber is None else specimen.camber
+    seed = scene.leaf.seed if specimen.seed is None else specimen.seed
+    return specimen.size * cambered_positions(photo, camber, seed)
+
+
+def membrane_stiffness(scene: Scene, leaf: Leaf) -> np.ndarray:
+    """``E h`` of the lamina at every edge spring [N/m], shape [edge_count]."""
+    factor = leaf.join(lambda photo, specimen: np.full(photo.mesh.edge_count, specimen.stiffness))
+    return scene.structure.membrane_stiffness * factor
+
+
+def bending_stiffness(scene: Scene, leaf: Leaf) -> np.ndarray:
+    """``D`` of the lamina at every angular spring [N m], shape [hinge_count]; 0 where the scene has none."""
+    factor = leaf.join(lambda photo, specimen: np.full(photo.mesh.hinge_count, specimen.stiffness))
+    return (scene.structure.bending_stiffness or 0.0) * factor
 
 
 def edge_lengths(mesh: LeafMesh, positions: np.ndarray) -> np.ndarray:
@@ -121,8 +150,13 @@ def pinned_vertices(leaf: Leaf, motion: MotionTable) -> np.ndarray:
     Raises:
         InputError: The whole leaf would be held.
     """
-    distance = np.hypot(*leaf.mesh.positions.T)
-    radius = PIN_RADIUS * leaf.length if motion.pin_radius is None else motion.pin_radius
+    return leaf.join(lambda photo, specimen: _pinned(photo, specimen.size, motion))
+
+
+def _pinned(leaf: Leaf, size: float, motion: MotionTable) -> np.ndarray:
+    distance = size * np.hypot(*leaf.mesh.positions.T)
+    length = size * leaf.length
+    radius = PIN_RADIUS * length if motion.pin_radius is None else motion.pin_radius
     pinned = distance <= radius
     pinned[np.argmin(distance)] = True
     if motion.clamp:
@@ -131,7 +165,7 @@ def pinned_vertices(leaf: Leaf, motion: MotionTable) -> np.ndarray:
     if pinned.all():
         raise InputError(
             f"motion.pin_radius = {radius:g} m holds every vertex of the leaf; accepted: less than its length, "
-            f"{leaf.length:g} m"
+            f"{length:g} m"
         )
     return pinned
 

@@ -71,7 +71,9 @@ class Motion:
 
     def __init__(self, scene: Scene, leaf: Leaf, state: State, stages: Sequence[Stage]):
         self._state = state
-        self._length = leaf.length
+        # Of each leaf; most scenes have one.
+        self._lengths = leaf.join(lambda photo, specimen: np.array([specimen.size * photo.length]))
+        self._slices = leaf.vertex_slices
         self._drag = scene.motion.drag
         self._damping = scene.structure.damping
         self._maximum = scene.solver.maximum_substeps
@@ -153,30 +155,44 @@ class Motion:
         """
         velocity = self._state["velocity"]
         mass = self._state["mass"].numpy().astype(np.float64)
-        pendulum = mass.sum() * self._gravity * self._length
-        quarter = 0.5 * math.pi * math.sqrt(self._length / self._gravity)
+        pendulum = np.array([mass[own].sum() for own in self._slices]) * self._gravity * self._lengths
+        quarter = 0.5 * math.pi * math.sqrt(self._lengths.max() / self._gravity)
         most = max(SETTLING_BLOCK, self._maximum)
-        substeps, before, calm, swing = 0, 0.0, 0.0, 0.0
+        before, calm, swing = (np.zeros(len(pendulum)) for _ in range(3))
+        substeps = 0
         velocity.zero_()
-        while calm < quarter and substeps < SETTLING_SUBSTEPS:
+        while calm.min() < quarter and substeps < SETTLING_SUBSTEPS:
             limit = SAFETY * self._limit()
             if not limit > 0.0:
                 raise SimulationError(0, "settling", self._refusal(math.inf))
             duration = min(SETTLING_BLOCK * limit, 0.1 * quarter)
             substeps += self._advance_checked(duration, SETTLING_BLOCK, most, 0, self._settling)
-            energy = float(mass @ np.square(velocity.numpy().astype(np.float64)).sum(axis=1))
-            now = math.sqrt(energy / pendulum)
-            if now <= tolerance:
-                swing = max(swing, now) if calm > 0.0 else now
-                calm += duration
-            else:
-                calm, swing = 0.0, now
-                if energy < before and not self._windy:
-                    velocity.zero_()
-                    energy = 0.0
+            energy = self._kinetic_energy(mass)
+            now = np.sqrt(energy / pendulum)
+            is_calm = now <= tolerance
+            swing = np.where(is_calm & (calm > 0.0), np.maximum(swing, now), now)
+            calm = np.where(is_calm, calm + duration, 0.0)
+            if not self._windy:
+                has_peaked = ~is_calm & (energy < before)
+                self._stop(has_peaked)
+                energy[has_peaked] = 0.0
             before = energy
         velocity.zero_()
-        return Settled(self._residual(), swing, substeps, calm >= quarter)
+        return Settled(self._residual(), float(swing.max()), substeps, bool(calm.min() >= quarter))
+
+    def _kinetic_energy(self, mass: np.ndarray) -> np.ndarray:
+        """Twice the kinetic energy of each leaf [J], from the vertices' masses [kg]; shape [leaf_count]."""
+        velocity = self._state["velocity"].numpy().astype(np.float64)
+        return np.array([mass[own] @ np.square(velocity[own]).sum(axis=1) for own in self._slices])
+
+    def _stop(self, chosen: np.ndarray) -> None:
+        """Take the speed from the chosen leaves."""
+        if not chosen.any():
+            return
+        velocity = self._state["velocity"].numpy().copy()
+        for index in np.flatnonzero(chosen):
+            velocity[self._slices[index]] = 0.0
+        self._state.upload("velocity", velocity)
 
     def stage_shares(self) -> dict[str, float]:
         """Share of each stage in the time of a substep, with sum 1.
@@ -253,11 +269,13 @@ class Motion:
 
     def _fault(self, step: float) -> _Fault | None:
         """What is wrong with the span that was just run."""
-        travel = self._guard.largest_travel()
-        if not math.isfinite(travel):
+        travel = self._guard.travel()
+        if not np.isfinite(travel).all():
             return _Fault("a position or a speed is not a finite number", self._remedy())
-        if travel > FARTHEST_TRAVEL * self._length:
-            return _Fault(f"{thrown(travel, self._length)},", self._remedy())
+        farthest = np.maximum.reduceat(travel, [own.start for own in self._slices])
+        worst = int(np.argmax(farthest / self._lengths))
+        if farthest[worst] > FARTHEST_TRAVEL * self._lengths[worst]:
+            return _Fault(f"{thrown(farthest[worst], self._lengths[worst])},", self._remedy())
         stretch = self._guard.largest_stretch()
         if stretch > max(MOST_STRETCH, self._stretch_before):
             return _Fault(torn(stretch), TORN_REMEDY)

@@ -175,10 +175,11 @@ class StableStep(Stage):
         """Largest bound over all vertices [1/s^2], evaluated now; not a number where the mesh is not finite."""
         return self._bound.largest()
 
-    def largest_travel(self) -> float:
-        """Longest way of a vertex since :meth:`save` [m]; not finite where a position or a velocity is not."""
+    def travel(self) -> np.ndarray:
+        """How far each vertex went since :meth:`save` [m], shape [vertex_count]; not finite where a position or a
+        velocity is not."""
         self._travel.run()
-        return float(np.max(self._state["travel"].numpy()))
+        return self._state["travel"].numpy()
 
     def largest_stretch(self) -> float:
         """Largest length of an edge over its rest length."""

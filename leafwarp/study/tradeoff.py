@@ -110,6 +110,8 @@ def run_tradeoff(
             f"{scene.name}: [fluid]: missing; the trade is one of fluid map, step and scheme, and this scene "
             "prescribes its water ([water])"
         )
+    if scene.leaves is not None:
+        raise InputError(f"{scene.name}: [leaves]: the trade is measured on one leaf; leave this table out")
     if not (math.isfinite(budget) and budget > 0.0):
         raise InputError(f"--budget {budget:g}: accepted: a time above 0, such as '10 min'")
     table = output / TABLE

@@ -1,8 +1,8 @@
-"""Where a leaf lies on its stage, and which attributes of its mesh are animated."""
+"""Which attributes of a leaf's mesh are animated."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,15 +10,7 @@ from pxr import Sdf, Vt
 
 from leafwarp.errors import SimulationError
 from leafwarp.frame import Frame
-
-LEAF_PATH = Sdf.Path("/Leaf")
-GEOMETRY_PATH = LEAF_PATH.AppendChild("geo")
-MESH_PATH = GEOMETRY_PATH.AppendChild("leaf")
-MATERIALS_PATH = LEAF_PATH.AppendChild("mtl")
-
-SHADING_VARIANT_SET = "shading"
-PHOTO = "photo"
-WATER = "water"
+from leafwarp.usd.prims import LeafPrim
 
 UP_AXES = ("Y", "Z")
 
@@ -45,10 +37,9 @@ class AnimatedAttribute:
     interpolation: str | None = None
     documentation: str | None = None
 
-    @property
-    def path(self) -> Sdf.Path:
-        """Path of the attribute on the stage."""
-        return MESH_PATH.AppendProperty(self.name)
+    def path(self, leaf: LeafPrim) -> Sdf.Path:
+        """Path of the attribute of a leaf on the stage."""
+        return leaf.mesh.AppendProperty(self.name)
 
 
 POINTS = AnimatedAttribute(
@@ -86,7 +77,7 @@ DISPLAY_COLOR = AnimatedAttribute(
     documentation="A plain ramp of primvars:water from green (wet) to brown (dry), linear RGB; "
     "a picture of the water, not a model of how a leaf's colour ages.",
 )
-EXTENT_PATH = MESH_PATH.AppendProperty("extent")
+EXTENT = "extent"
 
 
 def animated_attributes(display_color: bool) -> tuple[AnimatedAttribute, ...]:
@@ -103,36 +94,44 @@ def turn_to_up_axis(vectors: np.ndarray, up_axis: str) -> np.ndarray:
 
 
 def frame_values(
-    frame: Frame, attributes: tuple[AnimatedAttribute, ...], vertex_count: int, up_axis: str
+    frame: Frame, attributes: tuple[AnimatedAttribute, ...], leaves: Sequence[LeafPrim], up_axis: str
 ) -> dict[Sdf.Path, object]:
-    """The USD value of every animated attribute at one frame, the extent included.
+    """The USD value of every animated attribute of every leaf at one frame, the extent included.
 
     Args:
         frame: The frame.
         attributes: The attributes to take from it.
-        vertex_count: Number of vertices of the mesh.
+        leaves: The leaves, in the order of the frame's arrays.
         up_axis: ``"Y"`` or ``"Z"``.
 
     Raises:
-        ValueError: An array is missing or has another length than the mesh.
+        ValueError: An array is missing or has another length than the meshes together.
         SimulationError: A value is NaN or infinite: no writer passes such a frame on.
     """
     values: dict[Sdf.Path, object] = {}
     for attribute in attributes:
-        array = attribute.values(frame)
-        shape = (vertex_count,) if attribute.vt_array is Vt.FloatArray else (vertex_count, 3)
-        if array is None or np.shape(array) != shape:
-            found = "nothing" if array is None else f"shape {np.shape(array)}"
-            raise ValueError(f"frame {frame.index}: {attribute.name}: {found} given, shape {shape} expected")
-        if not np.isfinite(array).all():
-            bad = np.count_nonzero(~np.isfinite(array).reshape(vertex_count, -1).all(axis=1))
-            reason = f"{attribute.name} of {bad} of {vertex_count} vertices are not finite"
-            raise SimulationError(frame.index, "usd", reason)
+        array = _checked(frame, attribute, leaves[-1].vertices.stop)
         if attribute.directional:
             array = turn_to_up_axis(array, up_axis)
         array = np.ascontiguousarray(array, np.float32)
-        values[attribute.path] = attribute.vt_array.FromNumpy(array)
-        if attribute is POINTS:
-            extent = np.stack((array.min(axis=0), array.max(axis=0)))
-            values[EXTENT_PATH] = Vt.Vec3fArray.FromNumpy(extent)
+        for leaf in leaves:
+            own = array[leaf.vertices]
+            values[attribute.path(leaf)] = attribute.vt_array.FromNumpy(own)
+            if attribute is POINTS:
+                extent = np.stack((own.min(axis=0), own.max(axis=0)))
+                values[leaf.mesh.AppendProperty(EXTENT)] = Vt.Vec3fArray.FromNumpy(extent)
     return values
+
+
+def _checked(frame: Frame, attribute: AnimatedAttribute, vertex_count: int) -> np.ndarray:
+    """An attribute's array of all leaves, if it has their length and is finite."""
+    array = attribute.values(frame)
+    shape = (vertex_count,) if attribute.vt_array is Vt.FloatArray else (vertex_count, 3)
+    if array is None or np.shape(array) != shape:
+        found = "nothing" if array is None else f"shape {np.shape(array)}"
+        raise ValueError(f"frame {frame.index}: {attribute.name}: {found} given, shape {shape} expected")
+    if not np.isfinite(array).all():
+        bad = np.count_nonzero(~np.isfinite(array).reshape(vertex_count, -1).all(axis=1))
+        reason = f"{attribute.name} of {bad} of {vertex_count} vertices are not finite"
+        raise SimulationError(frame.index, "usd", reason)
+    return array

@@ -17,6 +17,7 @@ from pathlib import Path
 from pxr import Sdf, Tf
 
 from leafwarp.errors import InputError, OutputError
+from leafwarp.files import texture_path
 
 SUFFIXES = (".usd", ".usda", ".usdc")
 _ASIDE = "writing"  # stem of the file under way; USD itself writes to this name and a random tail first
@@ -48,20 +49,25 @@ class Files:
 
     Attributes:
         root: The USD that the user asked for.
-        texture: The texture, in the same folder.
+        textures: The texture of each photo, in the same folder.
         frame_folder: Folder of what exists during a run only: one file a frame, the rest pose, the manifest.
             It carries the root's whole name, so that ``a.usd`` and ``a.usda`` do not share it.
         frame_digits: Digits of a frame number in a file name.
     """
 
     root: Path
-    texture: Path
+    textures: tuple[Path, ...]
     frame_folder: Path
     frame_digits: int
 
     @classmethod
-    def beside(cls, path: Path, last_frame: int) -> Files:
+    def beside(cls, path: Path, last_frame: int, photos: int = 1) -> Files:
         """The files of the USD at ``path``.
+
+        Args:
+            path: The USD.
+            last_frame: The largest frame number.
+            photos: Number of photos that leaves are made from.
 
         Raises:
             InputError: The suffix is none of a USD file's.
@@ -72,7 +78,7 @@ class Files:
         path = path.absolute()
         return cls(
             root=path,
-            texture=path.with_name(f"{path.stem}_texture.png"),
+            textures=tuple(texture_path(path, index) for index in range(photos)),
             frame_folder=path.with_name(f"{path.name}.frames"),
             frame_digits=max(4, len(str(last_frame))),
         )

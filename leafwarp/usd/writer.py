@@ -8,7 +8,7 @@ the frame files are removed.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import TracebackType
 
@@ -27,19 +27,20 @@ from leafwarp.usd.layers import (
     frame_layer,
     manifest_layer,
     rest_layer,
-    set_texture,
+    set_textures,
 )
+from leafwarp.usd.prims import Prims
 
 
 class UsdWriter:
-    """Writes a leaf, its texture and its frames to a USD file.
+    """Writes a leaf, or many, with their texture and their frames to a USD file.
 
     As a context manager it closes the file at the end of the block; an exception inside leaves the frames
     written so far as they are, readable through the root.
 
     Args:
         path: The USD to write: ``.usd`` and ``.usdc`` binary, ``.usda`` text. What is there is replaced.
-        leaf: The leaf: topology, ``st`` and texture.
+        leaf: The leaf, or the leaves: topology, ``st`` and texture.
         rest: The rest pose, the default value of everything animated.
         frames: The frame numbers to come, which are the time codes; non-negative, rising.
         fps: Playback frames per second.
@@ -70,33 +71,35 @@ class UsdWriter:
             raise InputError(f"up_axis: {up_axis!r} is not accepted; accepted: {', '.join(UP_AXES)}")
         if len(frames) == 0 or frames.step < 1 or frames[0] < 0:
             raise ValueError(f"frames: {frames} is not accepted; accepted: a rising range from 0 or later")
-        self._files = Files.beside(Path(path), frames[-1])
-        self._facts = StageFacts(frames, fps, up_axis, dict(metadata or {}))
+        self._prims = Prims.of(leaf)
+        self._files = Files.beside(Path(path), frames[-1], photos=len(leaf.photos))
+        self._facts = StageFacts(self._prims.root, frames, fps, up_axis, dict(metadata or {}))
         self._attributes = animated_attributes(display_color)
-        self._vertex_count = leaf.mesh.vertex_count
         rest_pose = self._values(rest)
         self._animated_paths = tuple(rest_pose)
-        self._rest_layer = rest_layer(leaf, self._attributes, rest_pose, self._facts)
+        self._rest_layer = rest_layer(self._prims, self._attributes, rest_pose, self._facts)
         self._written: set[int] = set()
         self._closed = False
-        self._begin(leaf.texture)
+        self._begin([photo.texture for photo in leaf.photos])
 
-    def _begin(self, texture: np.ndarray) -> None:
+    def _begin(self, textures: Sequence[np.ndarray]) -> None:
         """Put in place all that does not move, in an order that never leaves a root incomplete."""
         files = self._files
         files.make_frame_folder()
         keep_leftovers = files.has_leftovers()
         try:
-            files.publish(files.texture, lambda aside: aside.write_bytes(encode_png(texture)), durable=True)
+            for file, texture in zip(files.textures, textures, strict=True):
+                png = encode_png(texture)
+                files.publish(file, lambda aside, png=png: aside.write_bytes(png), durable=True)
             if keep_leftovers:
                 # The root that an earlier, killed run left refers to those frames: replace it before they go.
                 files.publish_layer(files.root, self._merged([]))
                 keep_leftovers = False
                 files.remove_frame_folder()
                 files.make_frame_folder()
-            set_texture(self._rest_layer, files.asset_path(files.texture, files.rest))
+            self._set_textures(self._rest_layer, files.rest)
             files.publish_layer(files.rest, self._rest_layer)
-            files.publish_layer(files.manifest, manifest_layer(self._attributes))
+            files.publish_layer(files.manifest, manifest_layer(self._prims.leaves, self._attributes))
             files.publish_layer(files.root, clips_root_layer(files, self._facts))
         except OutputError:
             if not keep_leftovers:
@@ -115,7 +118,7 @@ class UsdWriter:
             raise ValueError(f"frame {frame.index}: {self._files.root} is closed")
         if frame.index not in self._facts.frames or frame.index in self._written:
             raise ValueError(f"frame {frame.index}: not one of {self._facts.frames}, or written before")
-        layer = frame_layer(frame.index, self._values(frame), self._attributes)
+        layer = frame_layer(frame.index, self._values(frame), self._prims.leaves, self._attributes)
         self._files.publish_layer(self._files.frame(frame.index), layer)
         self._written.add(frame.index)
 
@@ -137,21 +140,26 @@ class UsdWriter:
         return self._files.root
 
     def _values(self, frame: Frame) -> dict[Sdf.Path, object]:
-        return frame_values(frame, self._attributes, self._vertex_count, self._facts.up_axis)
+        return frame_values(frame, self._attributes, self._prims.leaves, self._facts.up_axis)
+
+    def _set_textures(self, layer: Sdf.Layer, place: Path) -> None:
+        files = self._files
+        set_textures(layer, self._prims, [files.asset_path(texture, place) for texture in files.textures])
 
     def _merged(self, indices: list[int]) -> Sdf.Layer:
         """The rest layer with the time samples of the frame files."""
         merged = Sdf.Layer.CreateAnonymous("merged.usdc")
         merged.TransferContent(self._rest_layer)
-        set_texture(merged, self._files.asset_path(self._files.texture, self._files.root))
+        self._set_textures(merged, self._files.root)
         if indices:
             self._facts.author(merged, first=indices[0], last=indices[-1])
         for index in indices:
             file = self._files.frame(index)
             with reported(file, "read"):
                 clip = Sdf.Layer.OpenAsAnonymous(str(file))
-            for path in self._animated_paths:
-                merged.SetTimeSample(path, float(index), clip.QueryTimeSample(path, float(index)))
+            with Sdf.ChangeBlock():
+                for path in self._animated_paths:
+                    merged.SetTimeSample(path, float(index), clip.QueryTimeSample(path, float(index)))
         return merged
 
     def __enter__(self) -> UsdWriter:

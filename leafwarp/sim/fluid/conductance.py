@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from leafwarp.leaf.leaf import Leaf
+from leafwarp.leaf.specimen import Specimen, once_a_photo
 from leafwarp.scene import Scene
 
 # The largest conductance times step that is computed with. Such neighbours have the same content to the last
@@ -40,7 +41,7 @@ def face_conductance(
         cell_size: Width and height of a cell [m].
         time_step: Fluid step [s]; bounds what is returned.
     """
-    limit = min(MAXIMUM_BETA / time_step, MAXIMUM_BETA)
+    limit = _largest(time_step)
     x = np.zeros(mask.shape)
     y = np.zeros(mask.shape)
     with np.errstate(over="ignore"):
@@ -51,13 +52,30 @@ def face_conductance(
     return FaceConductance(np.minimum(x, limit), np.minimum(y, limit))
 
 
+def _largest(time_step: float) -> float:
+    return min(MAXIMUM_BETA / time_step, MAXIMUM_BETA)
+
+
 def leaf_conductance(scene: Scene, leaf: Leaf, time_step: float) -> FaceConductance:
     """The conductance of a leaf: ``D = D_lamina + (D_vein - D_lamina) * venation``."""
-    rows, columns = leaf.mask.shape
-    diffusivity = np.full(leaf.mask.shape, scene.fluid.lamina_diffusivity)
-    if scene.fluid.vein_diffusivity != scene.fluid.lamina_diffusivity:
-        venation = np.clip(leaf.maps["venation"], 0.0, 1.0)
-        lamina, vein = scene.fluid.lamina_diffusivity, scene.fluid.vein_diffusivity
-        diffusivity = (1.0 - venation) * lamina + venation * vein
-    cell_size = (leaf.frame.size[0] / columns, leaf.frame.size[1] / rows)
-    return face_conductance(diffusivity, leaf.mask, cell_size, time_step)
+
+    def photo_faces(photo: Leaf) -> FaceConductance:
+        rows, columns = photo.mask.shape
+        cell_size = (photo.frame.size[0] / columns, photo.frame.size[1] / rows)
+        return face_conductance(_diffusivity(scene, photo), photo.mask, cell_size, time_step)
+
+    faces = once_a_photo(photo_faces)
+
+    def sized(photo: Leaf, specimen: Specimen, direction: str) -> np.ndarray:
+        return np.minimum(getattr(faces(photo, specimen), direction) / specimen.size**2, _largest(time_step))
+
+    x, y = (leaf.tile(lambda photo, specimen, d=direction: sized(photo, specimen, d)) for direction in ("x", "y"))
+    return FaceConductance(x, y)
+
+
+def _diffusivity(scene: Scene, leaf: Leaf) -> np.ndarray:
+    lamina, vein = scene.fluid.lamina_diffusivity, scene.fluid.vein_diffusivity
+    if vein == lamina:
+        return np.full(leaf.mask.shape, lamina)
+    venation = np.clip(leaf.maps["venation"], 0.0, 1.0)
+    return (1.0 - venation) * lamina + venation * vein

@@ -10,6 +10,7 @@ import warp as wp
 
 from leafwarp.errors import InputError
 from leafwarp.leaf.leaf import Leaf
+from leafwarp.leaf.specimen import once_a_photo
 from leafwarp.scene import Scene
 from leafwarp.sim.fluid.conductance import MAXIMUM_BETA
 from leafwarp.sim.fluid.spans import line_spans, thread_segments
@@ -25,12 +26,32 @@ def source_cells(leaf: Leaf) -> np.ndarray:
     Raises:
         InputError: The map shows no source on the leaf.
     """
-    is_source = (leaf.maps["source"] > 0.0) & leaf.mask
-    if not is_source.any():
-        raise InputError(
-            "maps.source: the map is 0 on the whole leaf; accepted: a map that is bright where water enters"
-        )
-    return is_source
+
+    def cells(photo: Leaf) -> np.ndarray:
+        is_source = (photo.maps["source"] > 0.0) & photo.mask
+        if not is_source.any():
+            raise InputError(
+                "maps.source: the map is 0 on the whole leaf; accepted: a map that is bright where water enters"
+            )
+        return is_source
+
+    return leaf.tile(once_a_photo(cells))
+
+
+def source_rates(leaf: Leaf, conductance: float) -> np.ndarray:
+    """Rate at which each cell nears the supply [1/s], shape [ny, nx]: its share of what the whole leaf exchanges.
+
+    Args:
+        leaf: The leaf.
+        conductance: Of the source, over the water of the saturated leaf [1/s].
+    """
+
+    def rates(photo: Leaf) -> np.ndarray:
+        weights = np.where(photo.mask, photo.maps["source"], 0.0)
+        with np.errstate(over="ignore"):
+            return conductance * (weights / weights[weights > 0.0].sum()) * photo.mask.sum()
+
+    return leaf.tile(once_a_photo(rates))
 
 
 class Opening:
@@ -157,10 +178,8 @@ class Source(Stage):
 
     def bind(self, state: State) -> None:
         cells = np.argwhere(self._is_source)
-        weights = self.leaf.maps["source"][self._is_source]
         step = FluidSteps.of(self.scene).length
-        with np.errstate(over="ignore"):
-            rate = self.scene.source.conductance * (weights / weights.sum()) * self.leaf.mask.sum()
+        rate = source_rates(self.leaf, self.scene.source.conductance)[self._is_source]
         state.upload("source_cell", cells)
         state.upload("source_rate", np.minimum(rate, min(MAXIMUM_BETA / step, MAXIMUM_BETA)))
         self._open = state.record(open_source, len(cells), ["source_cell", "source_rate", 0.0], ["source_exchange"])

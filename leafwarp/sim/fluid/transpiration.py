@@ -6,6 +6,7 @@ import numpy as np
 
 from leafwarp.errors import InputError
 from leafwarp.leaf.leaf import Leaf
+from leafwarp.leaf.specimen import once_a_photo
 from leafwarp.scene import Scene
 from leafwarp.sim.fluid.spans import line_spans, thread_segments
 from leafwarp.sim.fluid.steps import FluidSteps
@@ -39,11 +40,7 @@ class Transpiration(Stage):
         arrays = []
         if self._stomatal:
             arrays.append(ArraySpec("stomatal_rate", leaf.mask.shape, "real", "loss by stomata [1/s]", padded=True))
-            if not leaf.maps["stomata"][leaf.mask].sum() > 0.0:
-                raise InputError(
-                    "maps.stomata: the map is 0 on the whole leaf; accepted: a map with stomata, or "
-                    f"transpiration.cuticle_rate = {scene.transpiration.rate:g} (the rate) for a leaf without"
-                )
+            self._share = leaf.tile(once_a_photo(self._stomatal_share))
         if self._closure is not None:
             self.purpose += ", which close as the leaf dries"
             count = len(self._closure)
@@ -53,12 +50,21 @@ class Transpiration(Stage):
             ]
         self.arrays = tuple(arrays)
 
+    def _stomatal_share(self, leaf: Leaf) -> np.ndarray:
+        """Density of stomata over its mean on the leaf, shape [ny, nx]."""
+        stomata = np.where(leaf.mask, leaf.maps["stomata"], 0.0)
+        if not stomata.sum() > 0.0:
+            raise InputError(
+                "maps.stomata: the map is 0 on the whole leaf; accepted: a map with stomata, or "
+                f"transpiration.cuticle_rate = {self.scene.transpiration.rate:g} (the rate) for a leaf without"
+            )
+        return stomata / stomata[leaf.mask].mean()
+
     def bind(self, state: State) -> None:
-        table, mask = self.scene.transpiration, self.leaf.mask
+        table = self.scene.transpiration
         if self._stomatal:
-            stomata = np.where(mask, self.leaf.maps["stomata"], 0.0)
-            share = stomata / stomata[mask].mean()
-            state.upload("stomatal_rate", np.minimum(share * (table.rate - table.cuticle_rate), MAXIMUM_RATE))
+            rate = self._share * (table.rate - table.cuticle_rate)
+            state.upload("stomatal_rate", np.minimum(rate, MAXIMUM_RATE))
         self.commands = [self._record(state)]
 
     def _record(self, state: State) -> Command:
