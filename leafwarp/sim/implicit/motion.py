@@ -186,7 +186,7 @@ class ImplicitEuler(NewtonMotion):
     """Backward Euler, a step a frame; a step that does not converge is taken in halves."""
 
     _stage: ImplicitMotion
-    remedy = "raise time.fps or structure.damping, or lower the load, the curl or the shrinking of a frame"
+    remedy = "raise time.fps, or lower the load, the curl or the shrinking of a frame"
 
     def start(self) -> None:
         """Begin anew, and fix the damping from the stiffness and masses of the moment.

@@ -206,10 +206,13 @@ class Newton:
             step = self._solve(here.gradient, FORCING)
             found = None if step is None else self._search(here, step)
         if found is None or found[2] < LEAST_SHARE:
-            found = self._search(here, self._fresh_step(here.gradient)) or found
+            fresh = self._search(here, self._fresh_step(here.gradient))
+            if fresh is None and found is not None:
+                self._evaluate(found[0].positions)  # what is accepted is what was evaluated last
+            found = fresh or found
         if found is None or (found[2] < 1.0 and np.array_equal(found[0].positions, here.positions)):
             raise NotConverged(f"no step lowers the potential; a force of {here.residual:.3g} N is left on a vertex")
-        if self._crawled > 0:
+        if self._crawled > 0 and self._is_new:
             found = self._lengthened(here, found)
         after, step, share = found
         self._potential.expect_tensions(step)
@@ -269,7 +272,7 @@ class Newton:
             if longest > LONGEST_STEP * self._length:
                 break
             beyond = self._evaluate(here.positions + self._curved(here.positions, longer, longest))
-            if not beyond.energy < after.energy:
+            if not beyond.energy < after.energy - ENERGY_ROUNDING * here.energy_size:
                 break
             after, step = beyond, longer
         # The potential holds what was evaluated last.

@@ -16,6 +16,7 @@ made, and the root mean square of their errors is what falls.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
@@ -38,6 +39,16 @@ CELLS = (10, 20, 40)  # edges in a length
 SEEDS = {"hexagonal": (0,), "irregular": tuple(range(8))}  # of the meshes of a kind
 TOLERANCE = 0.03
 GRAVITY = 9.81  # [m/s^2]
+# Why a row may fail, and up to which error that explains it.
+NOT_THE_LIMIT = (
+    "0.95 D is the limit of the springs only about: the plate that they stand for is up to 1.5 % off that elastica, so "
+    "that the error against it may rise as a mesh is refined; the rows against the plate judge what falls"
+)
+SCATTER = (
+    "irregular meshes scatter by 1 % about their mean, which another row judges; one of them may be further off than "
+    "the tolerance"
+)
+EXPLAINED = 1.5 * TOLERANCE
 
 
 def membrane_stiffness(thickness: float) -> float:
@@ -121,11 +132,29 @@ def own_weight(device: str) -> list[Check]:
         for weight, ratio in zip(WEIGHTS, sizes[fine] / sizes[coarse], strict=True):
             name = f"{spread}, weight {weight:g}: error against a plate at L/{fine} over that at L/{coarse}"
             checks.append(at_most(name, 1.0, ratio))
+        checks += _against_the_limit(kind, device)
         name = f"{kind}, h = L/{fine}: error against a plate, the worst of all meshes and weights"
         checks.append(near(name, 0.0, np.abs(errors[fine]).max(), TOLERANCE))
         for weight, drop in droop(kind, fine, device, slenderness=LEAF_SLENDERNESS).items():
             name = f"{kind}, thin as a leaf, weight {weight:g}: droop / length"
             checks.append(near_share(name, expected_droop(weight, share=1.0), drop, TOLERANCE))
+    return checks
+
+
+def _against_the_limit(kind: Kind, device: str) -> list[Check]:
+    """Each mesh against the elastica with 0.95 D, and whether it comes nearer to it as the mesh is refined."""
+    coarse, fine = CELLS[0], CELLS[-1]
+    expected = np.array([expected_droop(weight) for weight in WEIGHTS])
+    errors = {cells: np.abs(droops(kind, cells, device) / expected - 1.0) for cells in (coarse, fine)}
+    checks = []
+    for mesh, (before, after) in enumerate(zip(errors[coarse], errors[fine], strict=True)):
+        name = f"{kind} {mesh}" if len(SEEDS[kind]) > 1 else kind
+        worst = near(f"{name}, h = L/{fine}: worst error against 0.95 D", 0.0, after.max(), TOLERANCE)
+        checks.append(replace(worst, explanation=SCATTER) if worst.error <= EXPLAINED else worst)
+        rises = at_most(
+            f"{name}: weights of {len(WEIGHTS)} whose error against 0.95 D rises", 0, (after > before).sum()
+        )
+        checks.append(replace(rises, explanation=NOT_THE_LIMIT))
     return checks
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -24,6 +25,12 @@ MIDVEIN = 6e-3  # width of the midvein [m]: some edges, or the lamina's own curl
 CELLS = (64, 128)  # rows and columns of the maps
 MESHES = (500, 1700, 8000)
 MESH_TOLERANCE = {500: 0.10, 1700: 0.04}
+# Why a row may fail, and up to which error that explains it.
+PINS = (
+    "vertices are held, not a line: a leaf is held to within an edge of motion.pin_radius, and a droop grows with the "
+    "fourth power of the free length; the rows held to the same line judge the springs"
+)
+EXPLAINED = 1.5 * 0.04
 
 
 def bending_stiffness(modulus: float) -> float:
@@ -138,16 +145,20 @@ def _lamina_share(width: float, window: tuple[float, float], free: float) -> flo
 
 
 @cache
-def droop_of(vertices: int, modulus: float, device: str) -> float:
+def droop_of(vertices: int, modulus: float, device: str, same_line: bool = True) -> float:
     """Drop of the blade's tip under gravity, over its length.
 
-    It is held up to a line across: the last vertices held are half a cell short of the radius on the average, and
-    their hinges bend half a cell rootward of them.
+    Args:
+        vertices: Of the mesh.
+        modulus: Young's modulus [Pa].
+        device: Warp device.
+        same_line: Hold it up to the same line across on every mesh, and not to the same radius: the last vertices held
+            are half a cell short of the radius on the average, and their hinges bend half a cell rootward of them.
     """
     leaf = blade(vertices)
     cell = 0.75**0.5 * np.linalg.norm(np.subtract(*leaf.mesh.positions[leaf.mesh.edges.T]), axis=1).mean()
     stiffness = {"membrane_stiffness": modulus * THICKNESS, "bending_stiffness": bending_stiffness(modulus)}
-    load = {"gravity": (0.0, 0.0, -9.81), "settle": True, "pin_radius": HELD + cell}
+    load = {"gravity": (0.0, 0.0, -9.81), "settle": True, "pin_radius": HELD + cell * same_line}
     drooping = Simulation(_scene(load=load, structure=stiffness), leaf, device)
     drooping.settle()
     tip = int(np.argmax(leaf.mesh.positions[:, 0]))
@@ -168,18 +179,24 @@ def mesh_independence(device: str) -> list[Check]:
     """The same blade on coarser meshes: one that hangs down by half its length, one that hardly droops, one that curls.
 
     Where a leaf is held is known to within an edge. A droop grows with the fourth power of the free length, so that
-    this alone would make it 5 % larger on 1,700 vertices, and 9 % on 500, were all held to the same radius; hence the
-    line.
+    this alone makes it 5 % larger on 1,700 vertices, and 9 % on 500, where all are held to the same radius; hence the
+    line, and two rows without it.
     """
     quantities = [
         (f"E = {modulus:.2g} Pa: drop of the tip / length", lambda n, modulus=modulus: droop_of(n, modulus, device))
         for modulus in (MODULUS, STIFF_MODULUS)
     ]
     quantities.append(("height of the curl / length", lambda n: curl_of(n, device)))
-    return [
+    held = f"E = {STIFF_MODULUS:.2g} Pa, held to the same radius: drop of the tip / length"
+    quantities.append((held, lambda n: droop_of(n, STIFF_MODULUS, device, same_line=False)))
+    checks = [
         near_share(f"{vertices} against {MESHES[-1]} vertices: {name}", value(MESHES[-1]), value(vertices), tolerance)
         for vertices, tolerance in MESH_TOLERANCE.items()
         for name, value in quantities
+    ]
+    return [
+        replace(check, explanation=PINS) if held in check.quantity and check.error <= EXPLAINED else check
+        for check in checks
     ]
 
 
