@@ -117,7 +117,7 @@ def test_contenders_take_turns() -> None:
     order: list[str] = []
     timings = round_robin({name: (lambda n=name: order.append(n)) for name in "abc"}, rounds=3, least_lap=0.0)
     assert order[:6] == list("aabbcc")  # once to warm up, once to see how long it takes
-    assert order[6:] == list("abcbcacab")
+    assert order[6:] == list("aabbccbbccaaccaabb")  # untimed, timed
     assert {len(timing.milliseconds) for timing in timings.values()} == {3}
 
 

@@ -96,6 +96,29 @@ def _overloads() -> dict[str, int]:
     }
 
 
+@pytest.mark.parametrize(
+    ("changes", "more", "less"),
+    [
+        ({"motion.method": "implicit"}, {"hinge_hessian", "implicit_step"}, {"integration"}),
+        ({"motion.method": "quasistatic"}, {"hinge_hessian"}, {"integration"}),
+        ({"structure.bending": "paper"}, {"paper_bending"}, set()),
+        ({"fluid.scheme": "unsplit"}, set(), {"tridiagonal"}),
+        ({"fluid.scheme": "unsplit", "fluid.solver": "conjugate_gradients"}, {"unsplit"}, set()),
+        ({"motion.clamp": False, "motion.wind": [1.0, 0.0, 0.0], "solver.precision": "float64"}, set(), set()),
+    ],
+    ids=str,
+)
+def test_kernels_are_found_ahead_for_any_scene(small_scene: Path, changes, more, less, device: str) -> None:
+    """The leaf that they are found with suits every stage."""
+    scene = load_scene(small_scene)
+    usual, found = (
+        {module.name.rpartition(".")[2] for module in required_modules(one, device)}
+        for one in (scene, scene.with_changes(changes))
+    )
+    assert more <= found - usual and less <= usual - found
+    assert {"response", "normals", "sampling"} <= found
+
+
 def test_kernels_are_loaded_before_the_simulation_starts(small_scene: Path, device: str) -> None:
     scene = load_scene(small_scene).with_changes({"output.contact_sheet": True})
     with Compilation(scene, device) as compilation:

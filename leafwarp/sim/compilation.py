@@ -44,7 +44,7 @@ class _Rehearsal(State):
 
 
 def _smallest_leaf(scene: Scene) -> Leaf:
-    """A hexagon of the scene's length scale, all of its maps 1."""
+    """A hexagon 2 cm across, all of its maps 1."""
     angles = np.radians(60.0 * np.arange(6))
     rim = np.stack([1.0 + np.cos(angles), np.sin(angles)], axis=1)
     positions = 0.01 * np.concatenate([rim, [[1.0, 0.0]]])
