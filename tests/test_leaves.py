@@ -348,6 +348,8 @@ BAD = {
     "count = 2\nweight = 1": "leaves.weight: unknown key",
     "seed = 1": "leaves.count: missing",
     "count = 2\n[motion]\nmethod = 'quasistatic'": "motion.method = 'quasistatic': accepted with [leaves]: 'explicit'",
+    "count = 2\nphotos = [{image = 'drawn.png'}]": "leaves.photos[0]: give either 'length' or 'pixels_per_metre'",
+    "count = 2\nphotos = [{length = 0.1}]": "leaves.photos[0].image: missing",
     "count = 90000\n[maps]\nsize = 64": "a size of 27 or less",
 }
 
@@ -367,6 +369,36 @@ def test_bad_input_is_one_line(text: str, small_scene, tmp_path, capsys) -> None
     assert main(["run", str(scene), "-o", str(tmp_path)]) == 2
     error = capsys.readouterr().err
     assert BAD[text] in error and error.count("\n") == 1 and "Traceback" not in error
+
+
+def test_a_material_says_why_it_cannot_have_many_leaves(small_scene) -> None:
+    data = changed(small_scene).model_dump(exclude_unset=True) | {"leaves": {"count": 2}}
+    data |= {"material": {"preset": "tree"}, "structure": {}, "shrink": None, "curl": None}
+    with pytest.raises(
+        InputError, match=r"motion\.method = 'implicit' \(from \[material\]\): accepted with \[leaves\]"
+    ):
+        Scene.checked(data, "scene")
+
+
+def test_an_image_of_a_map_is_of_one_photo(two_photos) -> None:
+    with pytest.raises(InputError, match=r"maps\.venation: an image is accepted with one photo; here are 2"):
+        changed(two_photos, maps__venation="drawn.png")
+
+
+def test_maps_follow_the_mesh_and_finer_ones_are_told(small_scene) -> None:
+    data = changed(small_scene, leaves__count=2, mesh__vertices=200).model_dump(exclude_unset=True)
+    del data["maps"]
+    assert Scene.checked(data, "scene").maps.shape == (64, 64)
+    data["maps"] = {"size": 256}
+    (warning,) = [line for line in Scene.checked(data, "scene").warnings if line.startswith("maps.size")]
+    assert "usual: 64, in 6%" in warning
+
+
+def test_the_schema_knows_several_photos(two_photos) -> None:
+    schema = Scene.model_json_schema()
+    one, many = schema["properties"]["leaf"]["anyOf"]
+    assert many == {"type": "array", "items": one, "minItems": 1}
+    assert one["$ref"] == "#/$defs/LeafTable"
 
 
 def test_prescribed_water_and_tradeoff_refuse_what_they_cannot_do(small_scene, tmp_path) -> None:

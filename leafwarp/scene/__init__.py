@@ -30,13 +30,20 @@ MOST_ATLAS_CELLS = MOST_CELLS**2
 __all__ = ["Curve", "MotionTable", "Scene", "put_value"]
 
 
+def _or_a_list(schema: dict[str, Any]) -> None:
+    """In the JSON Schema: a table may be written more than once."""
+    one = dict(schema)
+    schema.clear()
+    schema["anyOf"] = [one, {"type": "array", "items": one, "minItems": 1}]
+
+
 class Scene(Table):
     """A whole scene. Lengths in metres, times in seconds, after validation."""
 
     name: str = Field(
         "leaf", pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the outputs; default: the file's name."
     )
-    leaf: LeafTable
+    leaf: LeafTable = Field(json_schema_extra=_or_a_list)
     leaves: LeavesTable | None = None
     mesh: MeshTable = MeshTable()
     maps: MapsTable = MapsTable()
@@ -114,7 +121,11 @@ class Scene(Table):
 
     def _check_leaves(self) -> None:
         if self.motion.method != "explicit":
-            raise ValueError(f"motion.method = '{self.motion.method}': accepted with [leaves]: 'explicit'")
+            origin = "" if "method" in self.motion.model_fields_set else " (from [material])"
+            raise ValueError(
+                f"motion.method = '{self.motion.method}'{origin}: accepted with [leaves]: 'explicit', since the others "
+                "look for one equilibrium of all leaves at once"
+            )
         if self.leaves.water > 0.0 and self.fluid is None:
             raise ValueError("leaves.water needs [fluid]: with [water] the water is prescribed")
         if self.water_flows and self.fluid.scheme == "unsplit" and self.fluid.solver == "conjugate_gradients":
