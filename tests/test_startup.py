@@ -104,6 +104,7 @@ def _overloads() -> dict[str, int]:
         ({"structure.bending": "paper"}, {"paper_bending"}, set()),
         ({"fluid.scheme": "unsplit"}, set(), {"tridiagonal"}),
         ({"fluid.scheme": "unsplit", "fluid.solver": "conjugate_gradients"}, {"unsplit"}, set()),
+        ({"motion.pin_radius": 0.05, "motion.clamp": True}, set(), set()),
         ({"motion.clamp": False, "motion.wind": [1.0, 0.0, 0.0], "solver.precision": "float64"}, set(), set()),
     ],
     ids=str,
