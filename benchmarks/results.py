@@ -11,16 +11,23 @@ HEAD = "# Results\n\nEach section is written by the command that it names.\n"
 
 
 def describe_machine(device: str) -> str:
-    """Processor, device and versions, in one line."""
+    """Processor, how busy it is, device and versions, in one line."""
     import numpy as np
     import warp as wp
 
+    wp.config.log_level = wp.LOG_WARNING  # no greeting on stdout
     return (
-        f"{_processor()}, {os.cpu_count()} logical cores; "
+        f"{_processor()}, {os.cpu_count()} logical cores{_load()}; "
         f"Warp device {device} ({wp.get_device(device).name}); "
         f"Python {platform.python_version()}, Warp {wp.__version__}, NumPy {np.__version__}, "
         f"{platform.system()}"
     )
+
+
+def _load() -> str:
+    if not hasattr(os, "getloadavg"):
+        return ""
+    return f", load average {os.getloadavg()[1]:.1f} with all that runs on them"
 
 
 def _processor() -> str:

@@ -8,15 +8,14 @@ paper's split scheme.
 from __future__ import annotations
 
 import argparse
-import statistics
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
 from pathlib import Path
 
 import warp as wp
 
 from benchmarks.results import describe_machine, write_section
+from benchmarks.timing import Timing
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.scene import Scene
 from leafwarp.scene.file import load_scene
@@ -28,27 +27,8 @@ SCENE = Path(__file__).parent.parent / "scenes" / "bramble.toml"
 TITLE = "Table II: one complete update step"
 # Milliseconds that the paper gives for each map.
 PAPER = {128: 11.0, 256: 17.0, 512: 40.0, 1024: 145.0}
-REPEATS = 15
+REPEATS, QUICK_REPEATS = 15, 3
 FLUID_STEPS = 4
-
-
-@dataclass(frozen=True)
-class Timing:
-    """Repeated measurements of one part of a step [ms]."""
-
-    milliseconds: tuple[float, ...]
-
-    @property
-    def median(self) -> float:
-        return statistics.median(self.milliseconds)
-
-    def __add__(self, other: Timing) -> Timing:
-        return Timing(tuple(a + b for a, b in zip(self.milliseconds, other.milliseconds, strict=True)))
-
-    def __str__(self) -> str:
-        """Median, and the range of the middle half of the measurements."""
-        low, _, high = statistics.quantiles(self.milliseconds, n=4)
-        return f"{self.median:.3g} ({low:.3g}-{high:.3g})"
 
 
 def measure(scene: Scene, cells: int, device: str, repeats: int = REPEATS) -> dict[str, Timing]:
@@ -100,34 +80,36 @@ def _time(work: Callable[[], int], device: str) -> float:
     return 1e3 * (time.perf_counter() - begin) / count
 
 
-def make_table(scene: Scene, device: str, repeats: int = REPEATS) -> str:
-    """Table II as Markdown."""
+def make_table(scene: Scene, device: str, repeats: int = REPEATS, sizes: tuple[int, ...] = tuple(PAPER)) -> str:
+    """Table II as Markdown, of some sizes of the map."""
     lines = [
         "| map | fluid step | coupling | structure substep | complete step | paper |",
         "|---|---:|---:|---:|---:|---:|",
     ]
-    for cells, paper in PAPER.items():
+    for cells in sizes:
         parts = measure(scene, cells, device, repeats)
         total = parts["fluid"] + parts["coupling"] + parts["structure"]
         columns = " | ".join(str(timing) for timing in (*parts.values(), total))
-        lines.append(f"| {cells} x {cells} | {columns} | {paper:g} |")
+        lines.append(f"| {cells} x {cells} | {columns} | {PAPER[cells]:g} |")
     return "\n".join(lines) + "\n"
 
 
 def main(arguments: list[str] | None = None) -> None:
     """Measure, print, and on ``--write`` keep the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks", description=__doc__.partition("\n")[0])
+    parser = argparse.ArgumentParser(prog="python -m benchmarks table2", description=__doc__.partition("\n")[0])
+    parser.add_argument("--quick", action="store_true", help="the smallest map, few rounds")
     parser.add_argument("--device", default="cpu", help="Warp device: cpu (default), cuda:0, ...")
-    parser.add_argument("--repeats", type=int, default=REPEATS, help=f"rounds (default: {REPEATS})")
+    parser.add_argument("--repeats", type=int, help=f"rounds (default: {REPEATS})")
     parser.add_argument("--write", action="store_true", help="write the table to benchmarks/RESULTS.md")
     options = parser.parse_args(arguments)
+    repeats = options.repeats or (QUICK_REPEATS if options.quick else REPEATS)
     device = check_device(options.device)
     scene = load_scene(SCENE)
     body = (
         "Milliseconds: median (and middle half) of "
-        f"{options.repeats} measurements, float32, split scheme, the mesh of `scenes/bramble.toml`. The "
+        f"{repeats} measurements, float32, split scheme, the mesh of `scenes/bramble.toml`. The "
         "paper's figures are its own machine's.\n\n"
-        f"{make_table(scene, device, options.repeats)}\n"
+        f"{make_table(scene, device, repeats, tuple(PAPER)[: 1 if options.quick else None])}\n"
         f"Command: `python -m benchmarks --write`. Machine: {describe_machine(device)}.\n"
     )
     print(body)

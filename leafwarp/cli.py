@@ -206,11 +206,12 @@ def _tradeoff(arguments: argparse.Namespace) -> None:
 
 
 def _verify(arguments: argparse.Namespace) -> int:
-    from leafwarp.study.verify.table import as_data, as_text
+    from leafwarp.study.verify.table import as_data, as_text, explanations
     from leafwarp.study.verify.verification import run_verification
 
     results = run_verification(arguments.case, arguments.device, plots=arguments.plot, quiet=arguments.quiet)
-    print(json.dumps({"cases": as_data(results)}, allow_nan=False) if arguments.json else as_text(results))
+    data = {"cases": as_data(results), "explanations": explanations(results)}
+    print(json.dumps(data, allow_nan=False) if arguments.json else as_text(results))
     return 0 if all(result.passed for result in results) else 1
 
 

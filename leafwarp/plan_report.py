@@ -35,7 +35,7 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
     runs = {
         "start": 0.0,
         "fluid step": fluid_steps / intervals,
-        "frame": float(parts),
+        "frame": max(float(parts), fluid_steps / intervals) if scene.keeps_a_set else float(parts),
         "substep": float(substeps),
         "output": 1.0,
     }

@@ -140,19 +140,56 @@ def run_scene(
         OutputError: A result cannot be written; frames written before are kept.
         Interrupted: A signal asked to stop; the frame under way was finished.
     """
+    from leafwarp.sim.compilation import Compilation
     from leafwarp.sim.launch import check_device
-    from leafwarp.sim.simulation import Simulation
-    from leafwarp.usd.writer import UsdWriter
 
     begin = time.perf_counter()
     watch = Stopwatch()
     device = check_device(device)
     make_output_folder(scene, paths, overwrite, maps)
-    with watch("prepare"):
-        leaf = prepare_scene_leaf(scene, paths.cache)
-        if maps:
-            save_maps(leaf, paths.usd.parent, paths.usd.stem)
-    frames = frames or range(1, scene.time.frames + 1)
+    with Compilation(scene, device) as compilation:
+        with watch("prepare"):
+            leaf = prepare_scene_leaf(scene, paths.cache)
+            if maps:
+                save_maps(leaf, paths.usd.parent, paths.usd.stem)
+        with watch("compile"):
+            compilation.wait()
+        frames = frames or range(1, scene.time.frames + 1)
+        simulation, frame_seconds, failure = _simulate(
+            scene, leaf, device, paths, frames, watch, progress_level, signals
+        )
+        sheet = simulation.stage("contact_sheet")
+        if sheet is not None:
+            with watch("contact_sheet_draw"):
+                compilation.finish()
+                sheet.save(paths.contact_sheet)
+    seconds = watch.seconds | simulation.watch.seconds
+    report = make_report(simulation, seconds, frame_seconds, time.perf_counter() - begin)
+    report["leaf"] = _leaf_report(leaf)
+    write_text(paths.report, json.dumps(report, indent=1) + "\n")
+    if failure is not None:
+        raise failure
+    return report
+
+
+def _simulate(
+    scene: Scene,
+    leaf: Leaf,
+    device: str,
+    paths: OutputPaths,
+    frames: range,
+    watch: Stopwatch,
+    progress_level: int,
+    signals: Sequence[int],
+) -> tuple[Simulation, list[float], LeafwarpError | None]:
+    """Compute the frames and write the USD.
+
+    Returns:
+        The simulation, the wall time of each frame [s], and why there are no more of them, if there should be.
+    """
+    from leafwarp.sim.simulation import Simulation
+    from leafwarp.usd.writer import UsdWriter
+
     simulation = Simulation(scene, leaf, device)
     sheet = simulation.stage("contact_sheet")
     if sheet is not None:
@@ -177,16 +214,7 @@ def run_scene(
         failure = error
     with watch("usd_close"):
         writer.close()
-    if sheet is not None:
-        with watch("contact_sheet_draw"):
-            sheet.save(paths.contact_sheet)
-    seconds = watch.seconds | simulation.watch.seconds
-    report = make_report(simulation, seconds, frame_seconds, time.perf_counter() - begin)
-    report["leaf"] = _leaf_report(leaf)
-    write_text(paths.report, json.dumps(report, indent=1) + "\n")
-    if failure is not None:
-        raise failure
-    return report
+    return simulation, frame_seconds, failure
 
 
 def save_maps(leaf: Leaf, folder: Path, stem: str) -> list[Path]:

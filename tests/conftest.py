@@ -24,8 +24,10 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def _act_like_a_gpu() -> None:
-    """Fuse multiplications with additions as CUDA's compiler does, and let what is read from an array be a copy."""
+    """Launch what a GPU would, fuse multiplications with additions as its compiler does, and read arrays as copies."""
     import warp as wp
+
+    from leafwarp.sim.launch import State
 
     wp.config.cpu_compiler_flags += " -ffp-contract=fast"
     read = wp.array.numpy
@@ -36,6 +38,7 @@ def _act_like_a_gpu() -> None:
         return values
 
     wp.array.numpy = copied
+    State.many_threads = property(lambda state: True)
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

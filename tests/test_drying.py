@@ -8,6 +8,8 @@ import numpy as np
 import pytest
 
 from fluid_sample import Sample, ellipse, make_sample
+from leafwarp.prepare import prepare_scene_leaf
+from leafwarp.scene import Scene
 from leafwarp.scene.file import load_scene
 from leafwarp.sim.simulation import Simulation
 from leafwarp.study.verify.drying import FIRST_INTERVAL, KOHLRABI, MEASURED, TOLERANCE, drying_curve, kohlrabi_drying
@@ -134,3 +136,33 @@ def test_the_drying_curve_does_not_depend_on_the_step() -> None:
     reference = drying_curve(KOHLRABI, hours, step=60.0)
     for step in (600.0, HOUR):
         assert drying_curve(KOHLRABI, hours, step=step) == pytest.approx(reference, abs=1e-12)
+
+
+@pytest.mark.parametrize("water", ["flowing", "prescribed"])
+def test_a_plastic_set_knows_how_dry_the_leaf_was_between_two_frames(water: str, small_scene: Path) -> None:
+    """What stays of a drying that turns between two frames is the same for any number of frames."""
+    changes = {"shrink.plastic_set": 0.6, "curl.plastic_set": 0.6}
+    if water == "flowing":
+        changes |= {"source.conductance": 1e-2, "source.cut_at": 3600.0, "source.rewatered_at": 13000.0}
+        changes |= {"fluid.step": 300.0}
+    scene = load_scene(small_scene)
+    data = scene.model_dump(exclude_unset=True)
+    if water == "prescribed":
+        for table in ("fluid", "transpiration", "source", "maps"):
+            del data[table]
+        data["water"] = {"curve": ((0.0, 1.0), (13000.0, 0.4), (20000.0, 1.0))}
+    scene = Scene.model_validate(data).with_changes(changes)
+    ends = []
+    for frames in (2, 4, 33):
+        changed = scene.with_changes({"time.frames": frames, "motion.method": "quasistatic"})
+        simulation = Simulation(changed, prepare_scene_leaf(changed, None))
+        for frame in range(2, frames + 1):
+            simulation.advance(frame)
+        ends.append(simulation.state["edge_rest_length"].numpy().copy())
+    plain = scene.with_changes({"shrink.plastic_set": 0.0, "curl.plastic_set": 0.0, "time.frames": 2})
+    without = Simulation(plain, prepare_scene_leaf(plain, None))
+    without.advance(2)
+    kept = 1.0 - ends[0] / without.state["edge_rest_length"].numpy()
+    assert kept.max() > 0.02  # where the water came back
+    for other in ends[1:]:
+        assert np.abs(other / ends[0] - 1.0).max() < 1e-3 * kept.max()

@@ -7,9 +7,10 @@ import pytest
 import warp as wp
 
 from leafwarp.sim.implicit.factor import Factor
+from leafwarp.sim.implicit.newton import Newton
 from leafwarp_kernels.hinge_hessian import side_of
 from meshes import leaf_of, mesh_of, scene_of, strip
-from structure_reference import crumpled, gradient, rig_of
+from structure_reference import angle_of, crumpled, gradient, hinge_angles, hinge_gradient, rig_of, spring_gradient
 
 BENDING = {"bending_stiffness": 1e-6, "membrane_stiffness": 5.0}
 
@@ -42,6 +43,25 @@ class Bowl:
         self.potential.accept()
         self.potential.expect_tensions(np.zeros_like(positions))
 
+    def expected_energy(self, positions):
+        """In NumPy, edge by edge and hinge by hinge."""
+        get, mesh = self.rig.get, self.rig.leaf.mesh
+        lengths = np.array([np.linalg.norm(positions[i] - positions[j]) for i, j in mesh.edges])
+        energy = 0.5 * (get("edge_strength") * (lengths - get("edge_target_length")) ** 2).sum()
+        if self.potential.hinged:
+            angles = np.array([angle_of(*positions[hinge]) for hinge in mesh.hinges])
+            energy += 0.5 * (get("hinge_strength") * (angles - get("hinge_target_angle")) ** 2).sum()
+        away = positions - get("goal")
+        return energy + 0.5 * (get("inertia") * (away**2).sum(axis=1)).sum() - (get("load") * positions).sum()
+
+    def expected_gradient(self, positions):
+        """In NumPy, held vertices included."""
+        get, mesh = self.rig.get, self.rig.leaf.mesh
+        total = spring_gradient(positions, mesh.edges, get("edge_strength"), get("edge_target_length"))
+        if self.potential.hinged:
+            total += hinge_gradient(positions, mesh.hinges, get("hinge_strength"), get("hinge_target_angle"))
+        return total + get("inertia")[:, None] * (positions - get("goal")) - get("load")
+
     def matrix(self, convex):
         """The Hessian of all vertices, held ones too, from its blocks."""
         pattern, blocks = self.potential.pattern, self.potential.blocks(convex).copy()
@@ -67,15 +87,35 @@ CASES = {
 }
 
 
+# Of sums in another order, over the largest term.
+ROUNDING = 1e-13
+
+
 @pytest.mark.parametrize("hinged", [True, False], ids=["sheet", "membrane"])
 @pytest.mark.parametrize("case", CASES)
-def test_the_gradient_is_that_of_the_energy(device, case, hinged):
+def test_energy_and_gradient_are_those_of_the_formulas(device, case, hinged):
     leaf, positions = CASES[case]()
     bowl = Bowl(leaf, device, hinged=hinged)
-    expected = gradient(lambda x: bowl.potential.evaluate(x).energy, positions, 1e-6)
-    got = bowl.potential.evaluate(positions).gradient
-    assert not got[~bowl.free].any()
-    np.testing.assert_allclose(got[bowl.free], expected[bowl.free], rtol=0, atol=1e-7 * np.abs(expected).max())
+    got = bowl.potential.evaluate(positions)
+    assert got.energy == pytest.approx(bowl.expected_energy(positions), rel=ROUNDING)
+    expected = bowl.expected_gradient(positions)
+    # The formulas themselves, by differences of their energy: the truncated rest of these is below 1e-7.
+    differences = gradient(bowl.expected_energy, positions, 1e-6)
+    np.testing.assert_allclose(expected, differences, rtol=0, atol=1e-7 * np.abs(expected).max())
+    assert not got.gradient[~bowl.free].any()
+    size = bowl.rig.get("force_magnitude").max()
+    np.testing.assert_allclose(got.gradient[bowl.free], expected[bowl.free], rtol=0, atol=ROUNDING * size)
+
+
+def test_what_acts_is_load_inertia_and_a_hundredth_of_bending(device):
+    leaf, positions = CASES["crumpled"]()
+    bowl = Bowl(leaf, device)
+    get, mesh = bowl.rig.get, leaf.mesh
+    found = bowl.potential.evaluate(positions)
+    bending = hinge_gradient(positions, mesh.hinges, get("hinge_strength"), get("hinge_target_angle"))
+    inertia = get("inertia")[:, None] * (positions - get("goal"))
+    expected = sum(share * np.linalg.norm(f, axis=1) for share, f in ((1, get("load")), (1, inertia), (0.01, bending)))
+    assert found.mean_action == pytest.approx(expected.mean(), rel=1e-12)
 
 
 @pytest.mark.parametrize("hinged", [True, False], ids=["sheet", "membrane"])
@@ -85,13 +125,23 @@ def test_the_hessian_is_the_derivative_of_the_gradient(device, case, hinged):
     # Soft edges, so that what the hinges add is not lost beside them.
     bowl = Bowl(leaf, device, hinged=hinged, strength=1e-3)
     direction = np.random.default_rng(3).normal(size=positions.shape) * bowl.free[:, None]
-    ends = [bowl.potential.evaluate(positions + sign * 1e-8 * direction).gradient for sign in (1, -1)]
+    ends = [bowl.expected_gradient(positions + sign * 1e-8 * direction) for sign in (1, -1)]
     expected = (ends[0] - ends[1]) / 2e-8
     bowl.base(positions)
     got = bowl.potential.product(direction)
-    np.testing.assert_allclose(got, expected, rtol=0, atol=3e-6 * np.abs(expected).max())
+    assert not got[~bowl.free].any()
+    np.testing.assert_allclose(got[bowl.free], expected[bowl.free], rtol=0, atol=3e-6 * np.abs(expected).max())
     assembled = (bowl.matrix(convex=False) @ direction.ravel()).reshape(-1, 3)
     np.testing.assert_allclose(got[bowl.free], assembled[bowl.free], rtol=0, atol=1e-12 * np.abs(got).max())
+
+
+def test_the_angles_of_many_hinges_are_those_of_each(device):
+    leaf, positions = CASES["crumpled"]()
+    bowl = Bowl(leaf, device)
+    bowl.potential.evaluate(positions)
+    expected = [angle_of(*positions[hinge]) for hinge in leaf.mesh.hinges]
+    np.testing.assert_allclose(hinge_angles(positions, leaf.mesh.hinges), expected, rtol=0, atol=1e-13)
+    np.testing.assert_allclose(bowl.rig.get("hinge_trial_angle"), expected, rtol=0, atol=1e-13)
 
 
 @pytest.mark.parametrize("case", CASES)
@@ -205,3 +255,36 @@ def test_a_factor_solves_and_tells_what_is_not_positive(device, largest_band):
     np.testing.assert_allclose(matrix @ solved.ravel()[loose], right.ravel()[loose], rtol=0, atol=1e-9)
     assert np.linalg.eigvalsh(bowl.matrix(convex=False)[np.ix_(loose, loose)])[0] < 0.0
     assert not factor.factorise(bowl.potential.blocks(convex=False).copy())
+
+
+def test_a_solve_with_an_old_factor_reaches_its_reduction(device):
+    leaf = strip(columns=6, jitter=0.2)
+    bowl = Bowl(leaf, device, fold=0.0)
+    bowl.rig.put(edge_target_length=0.5 * bowl.rig.get("edge_rest_length"))
+    newton = Newton(bowl.potential, ~bowl.free, leaf.length)
+    bowl.base(crumpled(leaf, 0.0))
+    newton._factorise()
+    gradient = bowl.potential.evaluate(crumpled(leaf, 0.02)).gradient
+    bowl.base(crumpled(leaf, 0.02))
+    old = newton._factor.solve(-gradient)
+    step = newton._conjugate_gradients(gradient, 1e-3)
+    size = np.linalg.norm(gradient)
+    assert np.linalg.norm(bowl.potential.product(old) + gradient) > 1e-2 * size
+    assert np.linalg.norm(bowl.potential.product(step) + gradient) <= 1e-3 * size
+    assert newton.effort.linear_iterations > 1
+
+
+def test_a_solve_that_meets_a_direction_that_bends_away_refuses_or_follows_it(device):
+    leaf = strip(columns=6, jitter=0.2)
+    bowl = Bowl(leaf, device)
+    newton = Newton(bowl.potential, ~bowl.free, leaf.length)
+    positions = crumpled(leaf, 0.2)
+    bowl.base(positions)
+    assert not newton._factorise()
+    gradient = bowl.potential.evaluate(positions).gradient
+    assert newton._conjugate_gradients(gradient, 1e-6) is None
+    step = newton._conjugate_gradients(gradient, 1e-6, leaves_saddle=True)
+    # It goes down.
+    assert np.vdot(gradient, step) < 0.0 and not step[~bowl.free].any()
+    before, after = (bowl.potential.evaluate(positions + share * step).energy for share in (0.0, 1e-3))
+    assert after < before

@@ -101,34 +101,6 @@ def edge_blocks(
         edge_block_out[edge, row] = matrix[row]
 
 
-@wp.func
-def edges_and_inertia_product(
-    vertex: wp.int32,
-    position: wp.array[wp.vec3d],
-    direction: wp.array[wp.vec3d],
-    vertex_edge_start: wp.array[wp.int32],
-    vertex_edges: wp.array[wp.int32],
-    vertex_neighbors: wp.array[wp.int32],
-    edge_strength: wp.array[wp.float64],
-    edge_tension: wp.array[wp.float64],
-    inertia: wp.array[wp.float64],
-):
-    """A vertex's part of the Hessian of edges and inertia times a direction."""
-    here = position[vertex]
-    moved = direction[vertex]
-    product = inertia[vertex] * moved
-    for k in range(vertex_edge_start[vertex], vertex_edge_start[vertex + 1]):
-        edge = vertex_edges[k]
-        other = vertex_neighbors[k]
-        along = here - position[other]
-        apart = moved - direction[other]
-        inverse = wp.float64(1.0) / wp.max(wp.length(along), wp.float64(1.0e-12))
-        across = edge_tension[edge] * inverse
-        axial = (edge_strength[edge] - across) * inverse * inverse * wp.dot(along, apart)
-        product += along * axial + apart * across
-    return product
-
-
 @wp.kernel
 def membrane_product(
     # inputs:
@@ -144,19 +116,20 @@ def membrane_product(
     # outputs:
     product_out: wp.array[wp.vec3d],
 ):
-    """Hessian of a mesh without hinges times a direction, which is zero where a vertex is held."""
+    """Hessian of edges and inertia times a direction, which is zero where a vertex is held."""
     vertex = wp.tid()
-    product = edges_and_inertia_product(
-        vertex,
-        position,
-        direction,
-        vertex_edge_start,
-        vertex_edges,
-        vertex_neighbors,
-        edge_strength,
-        edge_tension,
-        inertia,
-    )
+    here = position[vertex]
+    moved = direction[vertex]
+    product = inertia[vertex] * moved
+    for k in range(vertex_edge_start[vertex], vertex_edge_start[vertex + 1]):
+        edge = vertex_edges[k]
+        other = vertex_neighbors[k]
+        along = here - position[other]
+        apart = moved - direction[other]
+        inverse = wp.float64(1.0) / wp.max(wp.length(along), wp.float64(1.0e-12))
+        across = edge_tension[edge] * inverse
+        axial = (edge_strength[edge] - across) * inverse * inverse * wp.dot(along, apart)
+        product += along * axial + apart * across
     if pinned[vertex]:
         product = wp.vec3d()
     product_out[vertex] = product

@@ -4,8 +4,6 @@ from typing import Any
 
 import warp as wp
 
-from leafwarp_kernels.lanes import LANES
-
 wp.set_module_options({"enable_backward": False})
 
 
@@ -26,33 +24,6 @@ def gather_hinge_forces(
     total = force[vertex]
     for k in range(vertex_hinge_start[vertex], vertex_hinge_start[vertex + 1]):
         total += hinge_force[vertex_hinge_slots[k]]
-    force[vertex] = total
-
-
-@wp.kernel
-def gather_hinge_forces_lanes(
-    # inputs:
-    vertex_hinge_start: wp.array[wp.int32],
-    vertex_hinge_places: wp.array[wp.int32],
-    hinge_force: wp.array[wp.Float],
-    # in and out:
-    force: wp.array[Any],
-):
-    """Add to each vertex's force those of its hinges, in a fixed order, where they lie in lanes.
-
-    Args:
-        vertex_hinge_start: Where each vertex's forces start, shape [vertex_count + 1].
-        vertex_hinge_places: Place of the x of each.
-        hinge_force: Forces by block, component and lane [N], flattened.
-        force: Force on each vertex [N], shape [vertex_count].
-    """
-    vertex = wp.tid()
-    total = force[vertex]
-    for k in range(vertex_hinge_start[vertex], vertex_hinge_start[vertex + 1]):
-        place = vertex_hinge_places[k]
-        total[0] += hinge_force[place]
-        total[1] += hinge_force[place + LANES]
-        total[2] += hinge_force[place + 2 * LANES]
     force[vertex] = total
 
 

@@ -28,8 +28,7 @@ where ``X U X = V``, so ``X`` is the geometric mean of ``U^-1`` and ``V``.
 
 import warp as wp
 
-from leafwarp_kernels.edge_hessian import edges_and_inertia_product
-from leafwarp_kernels.potential import COLLAPSED
+from leafwarp_kernels.hinge_potential import COLLAPSED
 
 wp.set_module_options({"enable_backward": False})
 
@@ -229,41 +228,23 @@ def hinge_products(
 
 
 @wp.kernel
-def sheet_product(
+def add_hinge_products(
     # inputs:
-    position: wp.array[wp.vec3d],
-    direction: wp.array[wp.vec3d],
-    vertex_edge_start: wp.array[wp.int32],
-    vertex_edges: wp.array[wp.int32],
-    vertex_neighbors: wp.array[wp.int32],
-    edge_strength: wp.array[wp.float64],
-    edge_tension: wp.array[wp.float64],
-    inertia: wp.array[wp.float64],
-    pinned: wp.array[wp.bool],
     vertex_hinge_start: wp.array[wp.int32],
     vertex_hinge_slots: wp.array[wp.int32],
     hinge_product: wp.array[wp.vec3d],
-    # outputs:
-    product_out: wp.array[wp.vec3d],
+    pinned: wp.array[wp.bool],
+    # in and out:
+    product: wp.array[wp.vec3d],
 ):
-    """Hessian of edges, hinges and inertia times a direction, which is zero where a vertex is held."""
+    """Add the hinges' products at each vertex that is not held, in a fixed order."""
     vertex = wp.tid()
-    product = edges_and_inertia_product(
-        vertex,
-        position,
-        direction,
-        vertex_edge_start,
-        vertex_edges,
-        vertex_neighbors,
-        edge_strength,
-        edge_tension,
-        inertia,
-    )
-    for k in range(vertex_hinge_start[vertex], vertex_hinge_start[vertex + 1]):
-        product += hinge_product[vertex_hinge_slots[k]]
     if pinned[vertex]:
-        product = wp.vec3d()
-    product_out[vertex] = product
+        return
+    total = product[vertex]
+    for k in range(vertex_hinge_start[vertex], vertex_hinge_start[vertex + 1]):
+        total += hinge_product[vertex_hinge_slots[k]]
+    product[vertex] = total
 
 
 @wp.func
@@ -322,3 +303,26 @@ def hinge_blocks(
     put_block(hinge_block_out, start + 7, bc)
     put_block(hinge_block_out, start + 8, bd)
     put_block(hinge_block_out, start + 9, cd)
+
+
+@wp.kernel
+def add_hinge_blocks(
+    # inputs:
+    block_hinge_start: wp.array[wp.int32],
+    block_hinge_slots: wp.array[wp.int32],
+    hinge_block: wp.array2d[wp.vec3d],
+    # in and out:
+    block: wp.array2d[wp.vec3d],
+):
+    """Add the hinges' blocks. Slot ``2 k`` is block ``k`` of the hinges, slot ``2 k + 1`` its transpose."""
+    index = wp.tid()
+    total = wp.matrix_from_rows(block[index, 0], block[index, 1], block[index, 2])
+    for k in range(block_hinge_start[index], block_hinge_start[index + 1]):
+        slot = block_hinge_slots[k]
+        place = slot / 2
+        part = wp.matrix_from_rows(hinge_block[place, 0], hinge_block[place, 1], hinge_block[place, 2])
+        if slot % 2 == 1:
+            part = wp.transpose(part)
+        total += part
+    for row in range(3):
+        block[index, row] = total[row]

@@ -14,6 +14,9 @@ import warp as wp
 
 LANES = 32
 
+# Cells of a line that a thread of a GPU takes.
+SEGMENT = 32
+
 Lanes = wp.types.vector(length=LANES, dtype=wp.Float)
 
 

@@ -56,23 +56,26 @@ def fill_lines(
     # inputs:
     exchange: wp.array2d[wp.Float],
     span: wp.array2d[wp.int32],
+    segment_length: wp.int32,
     supply: wp.Float,
     # outputs:
     water_out: wp.array2d[wp.Float],
-    added_out: wp.array[wp.float64],
+    added_out: wp.array2d[wp.float64],
 ):
     """Fill the source cells as if nothing flowed, and take what the line held before from its account.
 
     Args:
         exchange: ``S``, shape [line, cell].
         span: First cell to count of each line and the one after its last, shape [line, 2].
+        segment_length: Cells of a thread.
         supply: Relative water content of the supply.
         water_out: Relative water content, shape [line, cell]; changed at the source cells.
-        added_out: Content added to each line so far, shape [line]; reduced by what the line holds.
+        added_out: Content added to each line so far, by segments, shape [segment, line]; reduced by what it held.
     """
-    line = wp.tid()
+    segment, line = wp.tid()
     held = wp.float64(0.0)
-    for cell in range(span[line, 0], span[line, 1]):
+    first = wp.max(span[line, 0], segment * segment_length)
+    for cell in range(first, wp.min(span[line, 1], (segment + 1) * segment_length)):
         content = water_out[line, cell]
         held += wp.float64(content)
         strength = wp.float64(exchange[line, cell])
@@ -80,7 +83,7 @@ def fill_lines(
             share = strength / (wp.float64(1.0) + strength)
             filled = wp.float64(content) + share * (wp.float64(supply) - wp.float64(content))
             water_out[line, cell] = wp.clamp(type(supply)(filled), wp.min(content, supply), wp.max(content, supply))
-    added_out[line] -= held
+    added_out[segment, line] -= held
 
 
 @wp.kernel
@@ -88,18 +91,21 @@ def count_lines(
     # inputs:
     water: wp.array2d[wp.Float],
     span: wp.array2d[wp.int32],
+    segment_length: wp.int32,
     # outputs:
-    added_out: wp.array[wp.float64],
+    added_out: wp.array2d[wp.float64],
 ):
     """Add what each line holds to its account, after :func:`fill_lines` and a solve.
 
     Args:
         water: Relative water content, shape [line, cell].
         span: First cell to count of each line and the one after its last, shape [line, 2].
-        added_out: Content added to each line so far, shape [line]; added to.
+        segment_length: Cells of a thread.
+        added_out: Content added to each line so far, by segments, shape [segment, line]; added to.
     """
-    line = wp.tid()
+    segment, line = wp.tid()
     held = wp.float64(0.0)
-    for cell in range(span[line, 0], span[line, 1]):
+    first = wp.max(span[line, 0], segment * segment_length)
+    for cell in range(first, wp.min(span[line, 1], (segment + 1) * segment_length)):
         held += wp.float64(water[line, cell])
-    added_out[line] += held
+    added_out[segment, line] += held

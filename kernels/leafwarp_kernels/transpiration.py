@@ -13,8 +13,8 @@ has an exact solution from knot to knot. In a piece that ends at the knot ``b``,
 never if ``r(b) = 0``. A step follows it through as many pieces as it takes, so that the loss is that of the
 differential equation for any step: an explicit one would overshoot the point where the stomata close.
 
-One thread takes one row of the map and adds up in float64 what really left the stored contents, so that the
-ledger closes.
+One thread takes a segment of a row of the map (on a CPU the whole row) and adds up in float64 what really left the
+stored contents, so that the ledger closes.
 """
 
 import warp as wp
@@ -33,9 +33,10 @@ def transpire(
     cuticle_rate: wp.Float,
     stomatal_rate: wp.array2d[wp.Float],
     time_step: wp.Float,
+    segment_length: wp.int32,
     # outputs:
     water_out: wp.array2d[wp.Float],
-    transpired_out: wp.array[wp.float64],
+    transpired_out: wp.array2d[wp.float64],
 ):
     """Take what transpires in a step through stomata that stay open.
 
@@ -43,12 +44,13 @@ def transpire(
         cuticle_rate: Loss everywhere alike [1/s].
         stomatal_rate: Further loss of each cell [1/s], shape [ny, nx]; None for none.
         time_step: [s].
+        segment_length: Cells of a thread.
         water_out: Relative water content, shape [ny, nx]; cells off the leaf hold 0 and keep it.
-        transpired_out: Sum of the contents taken from each row so far, shape [ny]; added to.
+        transpired_out: Sum of the contents taken from each segment so far, shape [segment, ny]; added to.
     """
-    row = wp.tid()
+    segment, row = wp.tid()
     taken = wp.float64(0.0)
-    for column in range(water_out.shape[1]):
+    for column in range(segment * segment_length, wp.min((segment + 1) * segment_length, water_out.shape[1])):
         content = water_out[row, column]
         loss = cuticle_rate * time_step
         if stomatal_rate:
@@ -56,7 +58,7 @@ def transpire(
         remaining = content - wp.min(loss, wp.max(content, type(time_step)(0.0)))
         water_out[row, column] = remaining
         taken += wp.float64(content) - wp.float64(remaining)
-    transpired_out[row] += taken
+    transpired_out[segment, row] += taken
 
 
 @wp.kernel
@@ -68,7 +70,7 @@ def transpire_lanes(
     time_step: wp.Float,
     # outputs:
     water_out: wp.array2d[Lanes],
-    transpired_out: wp.array[wp.float64],
+    transpired_out: wp.array2d[wp.float64],
 ):
     """:func:`transpire` for a CPU, a block of cells at a time.
 
@@ -78,7 +80,7 @@ def transpire_lanes(
         span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
         time_step: [s].
         water_out: Relative water content, shape [ny, block]; cells off the leaf hold 0 and keep it.
-        transpired_out: Sum of the contents taken from each row so far, shape [ny]; added to.
+        transpired_out: Sum of the contents taken from each row so far, shape [1, ny]; added to.
     """
     row = wp.tid()
     none = water_out.dtype()
@@ -96,7 +98,7 @@ def transpire_lanes(
     total = wp.float64(0.0)
     for lane in range(LANES):
         total += taken[lane]
-    transpired_out[row] += total
+    transpired_out[0, row] += total
 
 
 @wp.func
@@ -174,9 +176,10 @@ def transpire_with_closure(
     knots: wp.array[wp.float64],
     openings: wp.array[wp.float64],
     time_step: wp.float64,
+    segment_length: wp.int32,
     # outputs:
     water_out: wp.array2d[wp.Float],
-    transpired_out: wp.array[wp.float64],
+    transpired_out: wp.array2d[wp.float64],
 ):
     """Take what transpires in a step through stomata that close as the leaf dries.
 
@@ -186,12 +189,13 @@ def transpire_with_closure(
         knots: Relative water contents of the response curve of the opening, rising, shape [knot_count].
         openings: Opening of the stomata there, 0 to 1, shape [knot_count].
         time_step: [s].
+        segment_length: Cells of a thread.
         water_out: Relative water content, shape [ny, nx]; cells off the leaf hold 0 and keep it.
-        transpired_out: Sum of the contents taken from each row so far, shape [ny]; added to.
+        transpired_out: Sum of the contents taken from each segment so far, shape [segment, ny]; added to.
     """
-    row = wp.tid()
+    segment, row = wp.tid()
     taken = wp.float64(0.0)
-    for column in range(water_out.shape[1]):
+    for column in range(segment * segment_length, wp.min((segment + 1) * segment_length, water_out.shape[1])):
         stored = water_out[row, column]
         content = wp.float64(stored)
         if content > wp.float64(0.0):
@@ -200,4 +204,4 @@ def transpire_with_closure(
             remaining = type(stored)(after)
             water_out[row, column] = remaining
             taken += content - wp.float64(remaining)
-    transpired_out[row] += taken
+    transpired_out[segment, row] += taken

@@ -18,12 +18,10 @@ from typing import Any
 
 import warp as wp
 
-from leafwarp_kernels.lanes import LANES
+from leafwarp_kernels.lanes import LANES, SEGMENT
 from leafwarp_kernels.tridiagonal import mean_of
 
 wp.set_module_options({"enable_backward": False})
-
-SEGMENT = 32
 
 # What is kept of a sweep over a segment: its guess, where that leads, and the extremes of the cells.
 GUESS = wp.constant(0)

@@ -237,6 +237,11 @@ class Scene(Table):
         }
         return tuple(name for name, is_wanted in wanted.items() if is_wanted)
 
+    @property
+    def keeps_a_set(self) -> bool:
+        """Whether some of the greatest shrinking or curling so far stays."""
+        return (self.shrinks and self.shrink.plastic_set > 0.0) or (self.curls and self.curl.plastic_set > 0.0)
+
     @classmethod
     def checked(cls, data: Mapping[str, Any], where: str) -> Scene:
         """The scene of nested tables, or one line that says what is wrong with them.

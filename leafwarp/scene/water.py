@@ -145,7 +145,7 @@ class AirTable(Table):
 
     temperature: Annotated[
         Temperature,
-        Bounds(233.15, BOILING, "K", "a plain number is in kelvin, a string may say degC: '24.5 degC'"),
+        Bounds(ZEROS["degC"] - 40.0, BOILING, "K", "a plain number is in kelvin, a string may say degC: '24.5 degC'"),
     ] = Field(
         298.15,
         description="Temperature of leaf and air [K]; a string may say degC. It makes a deficit of the relative "

@@ -10,8 +10,9 @@ import warp as wp
 from leafwarp.leaf.leaf import Leaf, LeafMesh
 from leafwarp.scene import Scene
 from leafwarp.sim import material
-from leafwarp.sim.adjacency import lane_corners, lane_places, vertex_to_slots
+from leafwarp.sim.adjacency import vertex_to_slots
 from leafwarp.sim.launch import ArraySpec, Command, State
+from leafwarp.sim.spring_blocks import SpringBlocks
 from leafwarp.sim.stage import Stage
 from leafwarp_kernels import (
     angular_springs,
@@ -21,7 +22,6 @@ from leafwarp_kernels import (
     integration,
     paper_bending,
 )
-from leafwarp_kernels.lanes import LANES
 
 
 def vertex_arrays(mesh: LeafMesh) -> tuple[ArraySpec, ...]:
@@ -69,9 +69,7 @@ def hinge_arrays(mesh: LeafMesh) -> tuple[ArraySpec, ...]:
 def hinge_tables(vertices: int, hinges: int) -> tuple[ArraySpec, ...]:
     """Which vertices the hinges have, and which hinges the vertices have."""
     return (
-        ArraySpec(
-            "hinge_angle", (hinges,), "real", "angle of each angular spring, continued in time [rad]", padded=True
-        ),
+        ArraySpec("hinge_angle", (hinges,), "real", "angle of each angular spring, continued [rad]", padded=True),
         ArraySpec("hinge_vertices", (hinges, 4), "int32", "vertices of each hinge: edge a, b, opposite c, d"),
         ArraySpec("vertex_hinge_start", (vertices + 1,), "int32", "where each vertex's hinge forces start"),
         ArraySpec("vertex_hinge_slots", (4 * hinges,), "int32", "places of the forces on each vertex"),
@@ -121,8 +119,17 @@ def fill_hinge_tables(hinges: np.ndarray, vertex_count: int, state: State) -> No
     state.upload("vertex_hinge_slots", places)
 
 
+def bends_by_gradient(scene: Scene, leaf: Leaf) -> bool:
+    """Whether the motion has the stage of the angular springs."""
+    return scene.has_angular_springs and scene.structure.bending == "gradient" and leaf.mesh.hinge_count > 0
+
+
 class EdgeSprings(Stage):
-    """Forces along the edges. The first of the force stages: it overwrites the force."""
+    """Forces along the edges. The first of the force stages: it overwrites the force.
+
+    On a CPU the angular springs come with the edges that they lie on; then this stage computes those of the margin, and
+    the next one overwrites the force.
+    """
 
     name = "edge_springs"
     purpose = "pull of the edges toward their rest lengths (Eq. 3)"
@@ -138,8 +145,8 @@ class EdgeSprings(Stage):
 
     def bind(self, state: State) -> None:
         fill_edges(self.scene, self.leaf, state)
-        if not state.device.is_cuda:
-            self.commands = self._record_lanes(state)
+        if not state.many_threads:
+            self.commands = self._record_blocks(state)
             return
         self.commands = [
             state.record(
@@ -159,34 +166,12 @@ class EdgeSprings(Stage):
             )
         ]
 
-    def _record_lanes(self, state: State) -> list[Command]:
-        """The launches for a CPU: the forces of blocks of edges, then their sums."""
-        mesh = self.leaf.mesh
-        ends = lane_corners(mesh.edges)
-        start, slots = vertex_to_slots(mesh.edges, mesh.vertex_count)
-        places = lane_places(slots, 2, 3)
-        places = np.where(slots % 2 == 0, places, -1 - places)
-        force = (len(ends), 3, LANES)
-        self.add_array(state, ArraySpec("edge_ends", ends.shape, "int32", "vertices of each block of edge springs"))
-        self.add_array(state, ArraySpec("vertex_edge_places", places.shape, "int32", "places of each vertex's edges"))
-        self.add_array(state, ArraySpec("edge_force", force, "real", "force of each edge on its first vertex [N]"))
-        state.upload("edge_ends", ends)
-        state.upload("vertex_edge_places", places)
-        springs = [state.lanes("edge_rest_length"), state.lanes("edge_stiffness")]
-        return [
-            state.record(
-                edge_springs.edge_spring_forces_lanes,
-                len(ends),
-                inputs=["position", "velocity", "edge_ends", *springs, "damping_time"],
-                outputs=[state.lanes("edge_force")[:, :, 0]],
-            ),
-            state.record(
-                edge_springs.gather_edge_forces,
-                mesh.vertex_count,
-                inputs=["vertex_edge_start", "vertex_edge_places", state["edge_force"].flatten()],
-                outputs=["force"],
-            ),
-        ]
+    def _record_blocks(self, state: State) -> list[Command]:
+        """The launches for a CPU, without what the angular springs do for the edges that they lie on."""
+        hinged = bends_by_gradient(self.scene, self.leaf)
+        blocks = SpringBlocks(self.leaf.mesh, hinged)
+        edges = blocks.record_edges(self, state)
+        return edges if hinged else [*edges, *blocks.record_sum(self, state)]
 
 
 class _Hinges(Stage):
@@ -244,33 +229,10 @@ class AngularSprings(_Hinges):
     kernel = angular_springs.angular_spring_forces
 
     def _record(self, state: State) -> list[Command]:
-        if state.device.is_cuda:
+        if state.many_threads:
             return super()._record(state)
-        mesh = self.leaf.mesh
-        corners = lane_corners(mesh.hinges)
-        _, slots = vertex_to_slots(mesh.hinges, mesh.vertex_count)
-        places = lane_places(slots, 4, 12)
-        force = (len(corners), 12, LANES)
-        self.add_array(state, ArraySpec("hinge_corners", corners.shape, "int32", "vertices of each block of hinges"))
-        self.add_array(state, ArraySpec("vertex_hinge_places", places.shape, "int32", "places of each vertex's forces"))
-        self.add_array(state, ArraySpec("hinge_force", force, "real", "forces of each hinge [N]"))
-        state.upload("hinge_corners", corners)
-        state.upload("vertex_hinge_places", places)
-        springs = [state.lanes(name) for name in ("hinge_rest_angle", "hinge_stiffness")]
-        return [
-            state.record(
-                angular_springs.angular_spring_forces_lanes,
-                len(corners),
-                inputs=["position", "velocity", "hinge_corners", *springs, "damping_time"],
-                outputs=[state.lanes("hinge_angle"), state.lanes("hinge_force")[:, :, 0]],
-            ),
-            state.record(
-                hinge_gather.gather_hinge_forces_lanes,
-                mesh.vertex_count,
-                inputs=["vertex_hinge_start", "vertex_hinge_places", state["hinge_force"].flatten()],
-                outputs=["force"],
-            ),
-        ]
+        blocks = SpringBlocks(self.leaf.mesh, hinged=True)
+        return [*blocks.record_hinges(self, state), *blocks.record_sum(self, state)]
 
 
 class PaperBending(_Hinges):

@@ -144,6 +144,11 @@ class State:
         return name in self._arrays
 
     @property
+    def many_threads(self) -> bool:
+        """Whether a launch runs many threads at a time, as on a GPU; a CPU runs them one after another."""
+        return self.device.is_cuda
+
+    @property
     def names(self) -> tuple[str, ...]:
         """Names of all arrays."""
         return tuple(self._arrays)

@@ -16,6 +16,11 @@ TORN_REMEDY = (
 )
 
 
+def thrown(travel: float, length: float) -> str:
+    """What is wrong with a vertex that moved so far [m] in a frame, on a leaf of a length [m]."""
+    return f"a vertex moved {travel:.3g} m, on a leaf of {length:.3g} m"
+
+
 def torn(stretch: float) -> str:
     """What is wrong with a mesh of which an edge is so many times its rest length."""
     return f"an edge was stretched to {stretch:.3g} times its rest length"

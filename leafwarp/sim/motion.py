@@ -17,9 +17,9 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.forces import Air, PaperBending
 from leafwarp.sim.launch import State
-from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, STANDARD_GRAVITY, TORN_REMEDY, torn
+from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, STANDARD_GRAVITY, TORN_REMEDY, thrown, torn
 from leafwarp.sim.settled import Settled
-from leafwarp.sim.stable_step import StableStep, step_limit
+from leafwarp.sim.stable_step import StableStep, damping_time, step_limit
 from leafwarp.sim.stage import Stage
 
 if TYPE_CHECKING:
@@ -100,8 +100,7 @@ class Motion:
         and the bound ``omega`` of the mesh's fastest oscillation. Call it again once stiffness and mass have
         their values of the first frame.
         """
-        frequency = math.sqrt(self._guard.largest_squared_frequency())
-        self._damping_time = 2.0 * self._damping / frequency if frequency > 0.0 else 0.0
+        self._damping_time = damping_time(self._damping, self._guard.largest_squared_frequency())
         self._state.upload("damping_time", np.array([self._damping_time]))
 
     def required_substeps(self, frame_duration: float) -> int | float:
@@ -276,8 +275,7 @@ class Motion:
         farthest = np.maximum.reduceat(travel, [own.start for own in self._slices])
         worst = int(np.argmax(farthest / self._lengths))
         if farthest[worst] > FARTHEST_TRAVEL * self._lengths[worst]:
-            what = f"a vertex moved {farthest[worst]:.3g} m, on a leaf of {self._lengths[worst]:.3g} m,"
-            return _Fault(what, self._remedy())
+            return _Fault(f"{thrown(farthest[worst], self._lengths[worst])},", self._remedy())
         stretch = self._guard.largest_stretch()
         if stretch > max(MOST_STRETCH, self._stretch_before):
             return _Fault(torn(stretch), TORN_REMEDY)
@@ -305,7 +303,7 @@ class Motion:
             return "lower motion.drag, or raise time.fps"
         return (
             "lower structure.membrane_stiffness (explicit motion wants 2 to 20 N/m) or bending_stiffness, "
-            "or raise time.fps or solver.maximum_substeps"
+            "raise time.fps or solver.maximum_substeps, or take motion.method = 'implicit'"
         )
 
 

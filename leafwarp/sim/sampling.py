@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
+POINTS_AT_ONCE = 256  # bounds the memory for their distances to all cells of the margin
+
 
 def sampling_stencils(
     uv: np.ndarray, mask: np.ndarray, frame_size: tuple[float, float] = (1.0, 1.0)
@@ -48,12 +50,17 @@ def _bilinear(uv: np.ndarray, width: int, height: int) -> tuple[np.ndarray, np.n
 
 
 def _nearest_leaf_cells(uv: np.ndarray, mask: np.ndarray, frame_size: tuple[float, float]) -> np.ndarray:
-    from scipy.spatial import KDTree
-
+    """Flat index of the leaf cell whose centre is nearest to each point off the leaf; one of the leaf's margin."""
     height, width = mask.shape
-    rows, columns = np.nonzero(mask)
-    centers = np.stack([(columns + 0.5) / width, (rows + 0.5) / height], axis=1) * frame_size
-    _, nearest = KDTree(centers).query(uv * frame_size)
+    around = np.pad(mask, 1)
+    inner = around[:-2, 1:-1] & around[2:, 1:-1] & around[1:-1, :-2] & around[1:-1, 2:]
+    rows, columns = np.nonzero(mask & ~inner)
+    x, y = (columns + 0.5) / width * frame_size[0], (rows + 0.5) / height * frame_size[1]
+    nearest = np.empty(len(uv), np.int64)
+    for first in range(0, len(uv), POINTS_AT_ONCE):
+        part = slice(first, first + POINTS_AT_ONCE)
+        points = uv[part] * frame_size
+        nearest[part] = np.argmin((points[:, :1] - x) ** 2 + (points[:, 1:] - y) ** 2, axis=1)
     return rows[nearest] * width + columns[nearest]
 
 

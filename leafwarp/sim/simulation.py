@@ -107,12 +107,29 @@ class Simulation:
         moments = [begin + (end - begin) * part / parts for part in range(parts)] + [end]
         substeps = 0
         for interval in map(Interval, moments, moments[1:]):
-            if self.fluid is not None:
-                self.fluid.advance(interval.end, frame)
-            self._couple(interval)
+            looks = [interval.start, *self._turning_points(interval), interval.end]
+            for part in map(Interval, looks, looks[1:]):
+                if self.fluid is not None:
+                    self.fluid.advance(part.end, frame)
+                self._couple(part)
             with self.watch("motion"):
                 substeps += self.motion.advance(1.0 / (self.scene.time.fps * parts), frame)
         self.substeps.append(substeps)
+
+    def _turning_points(self, interval: Interval) -> list[float]:
+        """Moments within a span of plant time [s] at which the water may be driest, where the leaf keeps a set of it.
+
+        Between the ends of fluid steps, and between the points of a prescribed curve, the water goes straight on.
+        """
+        if not self.scene.keeps_a_set:
+            return []
+        if self.fluid is None:
+            return [time for time, _ in self.scene.water.curve if interval.start < time < interval.end]
+        first, share_of_first = self.fluid.steps.locate(interval.start)
+        last, _ = self.fluid.steps.locate(interval.end)
+        if share_of_first == 1.0:
+            first += 1
+        return [self.fluid.steps.interval(index).start for index in range(first, last)]
 
     def settle(self) -> None:
         """Let the leaf come to rest under its load, where the scene asks for it or every frame is an equilibrium."""

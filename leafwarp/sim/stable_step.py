@@ -7,7 +7,7 @@ import math
 import numpy as np
 import warp as wp
 
-from leafwarp.leaf.leaf import Leaf
+from leafwarp.leaf.leaf import Leaf, LeafMesh
 from leafwarp.scene import Scene
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.stage import Interval, Stage
@@ -43,6 +43,76 @@ def step_limit(squared_frequency: float, damping_time: float, drag: float) -> fl
     return 4.0 / rate if rate != 0.0 else math.inf
 
 
+class FrequencyBound:
+    """Bound of the mesh's squared frequencies where it is.
+
+    Args:
+        mesh: The mesh.
+        hinged: Whether it resists bending.
+
+    Attributes:
+        arrays: What it brings into the state.
+        commands: Its launches, after :meth:`bind`.
+    """
+
+    def __init__(self, mesh: LeafMesh, hinged: bool):
+        self._vertex_count, self._hinge_count = mesh.vertex_count, mesh.hinge_count if hinged else 0
+        self.commands: list[Command] = []
+        self.arrays = (
+            ArraySpec(
+                "squared_frequency",
+                (mesh.vertex_count,),
+                "real",
+                "bound of the squared frequency at each vertex [1/s^2]",
+            ),
+        )
+        if self._hinge_count > 0:
+            slots = (4 * self._hinge_count,)
+            self.arrays += (
+                ArraySpec("hinge_row", slots, "vector", "each hinge's share of its vertices' bounds [N/m]^1/2"),
+                ArraySpec("hinge_tension", slots, "real", "the part of it that its bending makes [N/m]"),
+            )
+
+    def bind(self, state: State) -> None:
+        """Record the launches."""
+        self._state = state
+        if self._hinge_count == 0:
+            self.commands = [
+                state.record(stable_step.edge_frequencies, self._vertex_count, _EDGE_INPUTS, ["squared_frequency"])
+            ]
+            return
+        self.commands = [
+            state.record(
+                stable_step.hinge_bounds,
+                self._hinge_count,
+                ["position", "hinge_vertices", "hinge_angle", "hinge_rest_angle", "hinge_stiffness"],
+                ["hinge_row", "hinge_tension"],
+            ),
+            state.record(
+                stable_step.edge_and_hinge_frequencies,
+                self._vertex_count,
+                [*_EDGE_INPUTS, "vertex_hinge_start", "vertex_hinge_slots", "hinge_row", "hinge_tension"],
+                ["squared_frequency"],
+            ),
+        ]
+
+    def largest(self) -> float:
+        """Largest bound over all vertices [1/s^2], evaluated now; not a number where the mesh is not finite."""
+        for command in self.commands:
+            command.run()
+        return float(np.max(self._state["squared_frequency"].numpy()))
+
+
+def damping_time(ratio: float, squared_frequency: float) -> float:
+    """The damping time of springs ``tau = 2 zeta / omega`` [s]; 0 where nothing oscillates.
+
+    Args:
+        ratio: Damping ratio ``zeta`` of the mesh's fastest oscillation.
+        squared_frequency: Bound of its ``omega^2`` [1/s^2].
+    """
+    return 2.0 * ratio / math.sqrt(squared_frequency) if squared_frequency > 0.0 else 0.0
+
+
 class StableStep(Stage):
     """Bound of the mesh's squared frequencies, from which the substeps follow; and the frame's start, to go
     back to.
@@ -59,13 +129,9 @@ class StableStep(Stage):
         super().__init__(scene, leaf)
         self._hinged = scene.has_angular_springs and leaf.mesh.hinge_count > 0
         vertices, hinges = leaf.mesh.vertex_count, leaf.mesh.hinge_count
+        self._bound = FrequencyBound(leaf.mesh, self._hinged)
         self.arrays = (
-            ArraySpec(
-                "squared_frequency",
-                (vertices,),
-                "real",
-                "bound of the squared frequency at each vertex [1/s^2]",
-            ),
+            *self._bound.arrays,
             ArraySpec("travel", (vertices,), "real", "how far each vertex went in the frame [m]"),
             ArraySpec("edge_stretch", (leaf.mesh.edge_count,), "real", "length of each edge over its rest length"),
             ArraySpec("saved_position", (vertices,), "vector", "positions at the frame's start [m]"),
@@ -74,13 +140,6 @@ class StableStep(Stage):
         if self._hinged:
             self.host_writes += ("hinge_angle",)
             self.arrays += (
-                ArraySpec(
-                    "hinge_row",
-                    (4 * hinges,),
-                    "vector",
-                    "each hinge's share of its vertices' bounds [N/m]^1/2",
-                ),
-                ArraySpec("hinge_tension", (4 * hinges,), "real", "the part of it that its bending makes [N/m]"),
                 ArraySpec("saved_hinge_angle", (hinges,), "real", "hinge angles at the frame's start [rad]"),
             )
 
@@ -91,41 +150,11 @@ class StableStep(Stage):
 
     def bind(self, state: State) -> None:
         self._state = state
-        vertices, hinges = self.leaf.mesh.vertex_count, self.leaf.mesh.hinge_count
-        if self._hinged:
-            self.commands = [
-                state.record(
-                    stable_step.hinge_bounds,
-                    hinges,
-                    inputs=[
-                        "position",
-                        "hinge_vertices",
-                        "hinge_angle",
-                        "hinge_rest_angle",
-                        "hinge_stiffness",
-                    ],
-                    outputs=["hinge_row", "hinge_tension"],
-                ),
-                state.record(
-                    stable_step.edge_and_hinge_frequencies,
-                    vertices,
-                    inputs=[
-                        *_EDGE_INPUTS,
-                        "vertex_hinge_start",
-                        "vertex_hinge_slots",
-                        "hinge_row",
-                        "hinge_tension",
-                    ],
-                    outputs=["squared_frequency"],
-                ),
-            ]
-        else:
-            self.commands = [
-                state.record(stable_step.edge_frequencies, vertices, inputs=_EDGE_INPUTS, outputs=["squared_frequency"])
-            ]
+        self._bound.bind(state)
+        self.commands = self._bound.commands
         self._travel: Command = state.record(
             stable_step.travel,
-            vertices,
+            self.leaf.mesh.vertex_count,
             inputs=["position", "velocity", "saved_position"],
             outputs=["travel"],
         )
@@ -144,8 +173,7 @@ class StableStep(Stage):
 
     def largest_squared_frequency(self) -> float:
         """Largest bound over all vertices [1/s^2], evaluated now; not a number where the mesh is not finite."""
-        self.run()
-        return float(np.max(self._state["squared_frequency"].numpy()))
+        return self._bound.largest()
 
     def travel(self) -> np.ndarray:
         """How far each vertex went since :meth:`save` [m], shape [vertex_count]; not finite where a position or a

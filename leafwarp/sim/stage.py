@@ -7,6 +7,7 @@ launches; what these read and write is known from then on.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import ClassVar, Literal
 
@@ -74,9 +75,17 @@ class Stage:
     def bind(self, state: State) -> None:
         """Fill the stage's own arrays and record its launches."""
 
+    def launches_of(self, interval: Interval | None = None) -> Sequence[Command] | None:
+        """Make ready for a run, and say which launches it consists of; None where the host takes part in it.
+
+        Args:
+            interval: Span of plant time, where it is a fluid stage.
+        """
+        return self.commands
+
     def run(self, interval: Interval | None = None) -> None:
         """Do the stage's work once, over a span of plant time where it is a fluid stage."""
-        for command in self.commands:
+        for command in self.launches_of(interval):
             command.run()
 
 

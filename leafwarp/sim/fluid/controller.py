@@ -6,15 +6,19 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import warp as wp
 
 from leafwarp.errors import SimulationError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.fluid.steps import FluidSteps, NotConverged
 from leafwarp.sim.fluid.water import Water
-from leafwarp.sim.launch import State
+from leafwarp.sim.launch import Command, State
 from leafwarp.sim.stage import Stage
 from leafwarp.stopwatch import Stopwatch
+
+# One step in so many runs stage by stage, which tells how the time of the others is shared out.
+STEPS_PER_TIMING = 64
 
 
 @dataclass(frozen=True)
@@ -61,6 +65,7 @@ class Fluid:
         self._cell_count = max(1, int(leaf.mask.sum()))
         self._water = next(stage for stage in stages if isinstance(stage, Water))
         self._stages = [stage for stage in stages if stage.rate == "fluid step"]
+        self._graphs: dict[tuple[int, ...], wp.Graph] = {}
         self._start = self._content()
 
     def advance(self, plant_time: float, frame: int = 0) -> int:
@@ -87,21 +92,42 @@ class Fluid:
         return count
 
     def _step(self, index: int, frame: int) -> None:
+        """Run a step: as one captured graph, or stage by stage where the host takes part or the stages are timed."""
         interval = self.steps.interval(index)
-        for stage in self._stages:
-            try:
-                with self._watch(stage.name):
-                    stage.run(interval)
-            except NotConverged as error:
-                raise SimulationError(frame, stage.name, str(error)) from None
+        stages = [] if index % STEPS_PER_TIMING == 0 else [stage.launches_of(interval) for stage in self._stages]
+        if stages and None not in stages:
+            self._replay([command for commands in stages for command in commands])
+        else:
+            for stage in self._stages:
+                try:
+                    with self._watch(stage.name):
+                        stage.run(interval)
+                except NotConverged as error:
+                    raise SimulationError(frame, stage.name, str(error)) from None
         self.steps_done = index + 1
+
+    def _replay(self, commands: list[Command]) -> None:
+        """Run launches as a graph, captured when they are first asked for."""
+        if not commands:
+            return
+        key = tuple(map(id, commands))
+        if key not in self._graphs:
+            counted = self._state.launch_count
+            with wp.ScopedCapture(device=self._state.device, force_module_load=False) as capture:
+                for command in commands:
+                    command.run()
+            self._state.launch_count = counted
+            self._graphs[key] = capture.graph
+        with self._watch.shared(stage.name for stage in self._stages):
+            wp.capture_launch(self._graphs[key])
+        self._state.launch_count += len(commands)
 
     def ledger(self) -> WaterLedger:
         """The account of the water up to the last fluid step."""
         return WaterLedger(
             self._start,
             self._total("added_by_source_x", "added_by_source_y"),
-            self._total("transpired_by_row"),
+            self._total("transpired"),
             self._content(),
         )
 

@@ -50,7 +50,10 @@ class FactoredDiffusion(Stage):
         conductance = leaf_conductance(self.scene, self.leaf, time_step)
         self.system = ExchangeSystem(conductance, self.leaf.mask, time_step)
         if self._supply is not None:
-            self.commands = list(self._supply.record(state, "x"))
+            self.commands = list(self._supply.record(self, state, "x"))
+
+    def launches_of(self, interval: Interval | None = None) -> None:
+        return None
 
     def run(self, interval: Interval | None = None) -> None:
         """Do one step.

@@ -108,7 +108,7 @@ class LineSolves:
         inputs = [conductance, excess, self._span, time_step]
         self._elimination = [state.record(eliminate_lines, self._shape[0], inputs, outputs)]
         self._segments = None
-        if state.device.is_cuda if segmented is None else segmented:
+        if state.many_threads if segmented is None else segmented:
             from leafwarp.sim.fluid.segments import Segments
 
             self._segments = Segments(stage, state, direction, self._shape)

@@ -8,9 +8,9 @@ import warp as wp
 
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.stage import Stage
+from leafwarp_kernels.lanes import SEGMENT
 from leafwarp_kernels.tridiagonal_segments import (
     KEPT,
-    SEGMENT,
     guess_forward,
     segment_products,
     sweep_backward,

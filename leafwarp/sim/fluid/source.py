@@ -13,7 +13,7 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.leaf.specimen import once_a_photo
 from leafwarp.scene import Scene
 from leafwarp.sim.fluid.conductance import MAXIMUM_BETA
-from leafwarp.sim.fluid.spans import line_spans
+from leafwarp.sim.fluid.spans import line_spans, thread_segments
 from leafwarp.sim.fluid.steps import SNAP, FluidSteps
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.stage import Interval, Stage
@@ -124,20 +124,25 @@ class Supply:
     def _declare(self) -> Iterable[ArraySpec]:
         for direction, span in self._spans.items():
             lines = "rows" if direction == "x" else "columns"
-            count = len(span)
-            yield ArraySpec(f"source_span_{direction}", (count, 2), "int32", f"cells of {lines} counted for the source")
-            yield ArraySpec(
-                f"added_by_source_{direction}", (count,), "float64", f"content added to each of the {lines}"
-            )
+            yield ArraySpec(f"source_span_{direction}", span.shape, "int32", f"cells of {lines} counted for the source")
 
-    def record(self, state: State, direction: str) -> tuple[Command, Command]:
-        """Record what is done before and after a solve along the lines of a direction."""
+    def record(self, stage: Stage, state: State, direction: str) -> tuple[Command, Command]:
+        """Record what is done before and after a solve along the lines of a direction.
+
+        Args:
+            stage: The stage that solves; it gets the array of what was added.
+            state: Holds the arrays.
+            direction: "x" for rows, "y" for columns.
+        """
         span, added = f"source_span_{direction}", f"added_by_source_{direction}"
         state.upload(span, self._spans[direction])
         water, exchange = (_lines(state[name], direction) for name in ("water", "source_exchange"))
+        cells, segments = thread_segments(water.shape[1], state)
+        dim = (segments, water.shape[0])
+        stage.add_array(state, ArraySpec(added, dim, "float64", "content added to each segment of the lines"))
         return (
-            state.record(fill_lines, len(water), [exchange, span, self._supply], [water, added]),
-            state.record(count_lines, len(water), [water, span], [added]),
+            state.record(fill_lines, dim, [exchange, span, cells, self._supply], [water, added]),
+            state.record(count_lines, dim, [water, span, cells], [added]),
         )
 
 
@@ -179,11 +184,10 @@ class Source(Stage):
         state.upload("source_rate", np.minimum(rate, min(MAXIMUM_BETA / step, MAXIMUM_BETA)))
         self._open = state.record(open_source, len(cells), ["source_cell", "source_rate", 0.0], ["source_exchange"])
         if self._supply is not None:
-            self.commands = list(self._supply.record(state, "x"))
+            self.commands = list(self._supply.record(self, state, "x"))
 
-    def run(self, interval: Interval | None = None) -> None:
+    def launches_of(self, interval: Interval | None = None) -> list[Command]:
         if self._opening.update(interval):
             self._open.launch.set_param_by_name("open_for", self._opening.seconds / self._solves)
             self._open.run()
-        if self._opening.seconds > 0.0:
-            super().run(interval)
+        return self.commands if self._opening.seconds > 0.0 else []

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from leafwarp_kernels.lanes import LANES
+from leafwarp.sim.launch import State
+from leafwarp_kernels.lanes import LANES, SEGMENT
 
 
 def line_spans(mask: np.ndarray) -> np.ndarray:
@@ -19,6 +20,16 @@ def line_spans(mask: np.ndarray) -> np.ndarray:
     first = np.argmax(mask, axis=1)
     end = mask.shape[1] - np.argmax(mask[:, ::-1], axis=1)
     return np.where(mask.any(axis=1)[:, None], np.stack([first, end], axis=1), 0).astype(np.int32)
+
+
+def thread_segments(cells: int, state: State) -> tuple[int, int]:
+    """How the cells of a line are shared among threads: cells of a segment, and number of segments.
+
+    A CPU runs one thread after another, and adds up a line in one go.
+    """
+    if not state.many_threads:
+        return cells, 1
+    return SEGMENT, -(-cells // SEGMENT)
 
 
 def block_spans(span: np.ndarray) -> np.ndarray:

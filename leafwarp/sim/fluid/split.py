@@ -6,7 +6,7 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.fluid.lines import LineSolves, diffusion_supply, line_arrays, upload_conductance
 from leafwarp.sim.fluid.steps import FluidSteps
-from leafwarp.sim.launch import State
+from leafwarp.sim.launch import Command, State
 from leafwarp.sim.stage import Interval, Stage
 
 
@@ -44,16 +44,13 @@ class SplitDiffusion(Stage):
         if self._supply is not None:
             self.commands = []
             for direction, solve in passes.items():
-                fill, count = self._supply.record(state, direction)
+                fill, count = self._supply.record(self, state, direction)
                 self.commands += [fill, *solve, count]
 
-    def run(self, interval: Interval | None = None) -> None:
-        commands = self.commands
-        if self._supply is not None:
-            if self._supply.opening.update(interval):
-                for solve in self._solves.values():
-                    solve.eliminate()
-            if self._supply.opening.seconds == 0.0:
-                commands = self._alone
-        for command in commands:
-            command.run()
+    def launches_of(self, interval: Interval | None = None) -> list[Command]:
+        if self._supply is None:
+            return self.commands
+        if self._supply.opening.update(interval):
+            for solve in self._solves.values():
+                solve.eliminate()
+        return self.commands if self._supply.opening.seconds > 0.0 else self._alone

@@ -8,9 +8,9 @@ from leafwarp.errors import InputError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.leaf.specimen import once_a_photo
 from leafwarp.scene import Scene
-from leafwarp.sim.fluid.spans import line_spans
+from leafwarp.sim.fluid.spans import line_spans, thread_segments
 from leafwarp.sim.fluid.steps import FluidSteps
-from leafwarp.sim.launch import ArraySpec, State
+from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.stage import Stage
 from leafwarp_kernels.lanes import LANES
 from leafwarp_kernels.transpiration import transpire, transpire_lanes, transpire_with_closure
@@ -34,11 +34,10 @@ class Transpiration(Stage):
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
-        rows = leaf.mask.shape[0]
         self._stomatal = scene.transpiration.rate > scene.transpiration.cuticle_rate
         self._closure = scene.transpiration.closure if scene.transpiration.stomata_close else None
         self._step = FluidSteps.of(scene).length
-        arrays = [ArraySpec("transpired_by_row", (rows,), "float64", "content transpired from each row of cells")]
+        arrays = []
         if self._stomatal:
             arrays.append(ArraySpec("stomatal_rate", leaf.mask.shape, "real", "loss by stomata [1/s]", padded=True))
             self._share = leaf.tile(once_a_photo(self._stomatal_share))
@@ -62,25 +61,29 @@ class Transpiration(Stage):
         return stomata / stomata[leaf.mask].mean()
 
     def bind(self, state: State) -> None:
-        table, mask = self.scene.transpiration, self.leaf.mask
+        table = self.scene.transpiration
         if self._stomatal:
             rate = self._share * (table.rate - table.cuticle_rate)
             state.upload("stomatal_rate", np.minimum(rate, MAXIMUM_RATE))
-        cuticle, outputs = min(table.cuticle_rate, MAXIMUM_RATE), ["water", "transpired_by_row"]
-        if self._closure is None:
-            stomatal = "stomatal_rate" if self._stomatal else None
-            if state.device.is_cuda:
-                self.commands = [state.record(transpire, mask.shape[0], [cuticle, stomatal, self._step], outputs)]
-                return
-            span = line_spans(mask)
-            self.add_array(state, ArraySpec("transpiring_span", span.shape, "int32", "blocks of cells of each row"))
-            state.upload("transpiring_span", np.stack([span[:, 0] // LANES, -(-span[:, 1] // LANES)], axis=1))
-            inputs = [cuticle, stomatal and state.lanes(stomatal), "transpiring_span", self._step]
-            outputs = [state.lanes("water"), "transpired_by_row"]
-            self.commands = [state.record(transpire_lanes, mask.shape[0], inputs, outputs)]
-            return
-        contents, openings = np.array(self._closure).T
-        state.upload("closure_water", contents)
-        state.upload("closure_opening", openings)
-        inputs = [cuticle, "stomatal_rate", "closure_water", "closure_opening", self._step]
-        self.commands = [state.record(transpire_with_closure, mask.shape[0], inputs, outputs)]
+        self.commands = [self._record(state)]
+
+    def _record(self, state: State) -> Command:
+        mask, cuticle = self.leaf.mask, min(self.scene.transpiration.cuticle_rate, MAXIMUM_RATE)
+        cells, segments = thread_segments(mask.shape[1], state)
+        dim = (segments, mask.shape[0])
+        self.add_array(state, ArraySpec("transpired", dim, "float64", "content transpired from segments of the rows"))
+        outputs = ["water", "transpired"]
+        if self._closure is not None:
+            contents, openings = np.array(self._closure).T
+            state.upload("closure_water", contents)
+            state.upload("closure_opening", openings)
+            inputs = [cuticle, "stomatal_rate", "closure_water", "closure_opening", self._step, cells]
+            return state.record(transpire_with_closure, dim, inputs, outputs)
+        stomatal = "stomatal_rate" if self._stomatal else None
+        if state.many_threads:
+            return state.record(transpire, dim, [cuticle, stomatal, self._step, cells], outputs)
+        span = line_spans(mask)
+        self.add_array(state, ArraySpec("transpiring_span", span.shape, "int32", "blocks of cells of each row"))
+        state.upload("transpiring_span", np.stack([span[:, 0] // LANES, -(-span[:, 1] // LANES)], axis=1))
+        inputs = [cuticle, stomatal and state.lanes(stomatal), "transpiring_span", self._step]
+        return state.record(transpire_lanes, mask.shape[0], inputs, [state.lanes("water"), "transpired"])

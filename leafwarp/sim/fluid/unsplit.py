@@ -110,7 +110,7 @@ class UnsplitDiffusion(Stage):
         self._alone = _Step(start, [*precondition, *search, *advance], self._record_shift(state, diagonals))
         step = self._alone
         if self._supply is not None:
-            fill, count = self._supply.record(state, "x")
+            fill, count = self._supply.record(self, state, "x")
             exchange = self._record_exchange(state)
             step = self._fed = _Step([fill, *start], [*precondition, *search, exchange, *advance], [count])
         self.commands = [*step.start, *step.iteration, *step.finish]
@@ -161,6 +161,9 @@ class UnsplitDiffusion(Stage):
             record(choose_shift, 1, ["unsplit_row_sum"], ["unsplit_shift"]),
             record(shift_water, rows, [*diagonals, "row_span", "unsplit_shift"], ["water"]),
         ]
+
+    def launches_of(self, interval: Interval | None = None) -> None:
+        return None
 
     def run(self, interval: Interval | None = None) -> None:
         """Do one step.

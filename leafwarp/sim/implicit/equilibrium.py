@@ -68,8 +68,9 @@ def equilibrium(
         pinned: Vertices that are held, shape [vertex_count]; None: none is.
         gravity: [m/s^2].
         loads: Dead loads on the vertices [N], shape [vertex_count, 3].
-        tolerance: Largest force left on a free vertex, over the mean over the vertices of the summed magnitudes of all
-            forces on each. The last step is less than a millionth of the mesh's size, too.
+        tolerance: Largest force left on a free vertex, over the mean over the vertices of the load on each and a
+            hundredth of its bending force; the rounding of positions is allowed for. The last step is less than a
+            millionth of the mesh's size, too.
         device: Warp device.
 
     Raises:

@@ -1,8 +1,8 @@
 """Factors of the Hessian on the host: LAPACK's banded Cholesky, or SuperLU where the band would be wide.
 
 Measured on one core in float64, factor and solve: a mesh of 1,707 vertices 25 and 0.6 ms banded (SuperLU 87 and 1.2,
-QDLDL 72 and 1.9, CHOLMOD by cholespy 60 and 1.3 with its analysis); one of 8,000 vertices 260 and 14 ms (SuperLU 550
-and 10).
+QDLDL 72 and 1.9, CHOLMOD by cholespy 60 and 1.3 with its analysis; dense panels along the profile, which needs half of
+the band's work, lose it again to their many small calls); one of 8,000 vertices 260 and 14 ms (SuperLU 550 and 10).
 """
 
 from __future__ import annotations
@@ -29,6 +29,7 @@ class Factor:
         largest_band: Entries of a band above which SuperLU is used.
 
     Attributes:
+        values: The factor made last, or None. It is never changed, so that it may be kept and put back.
         byte_count: Memory of the factor [byte].
     """
 
@@ -56,12 +57,11 @@ class Factor:
         self._banded = self.width * self.size <= largest_band
         self.byte_count = 0
         if self._banded:
-            self._band = np.zeros((self.width, self.size), order="F")
             self._target = (high - low) + self.width * low
-            self.byte_count = self._band.nbytes
+            self.byte_count = 8 * self.width * self.size
         else:
             self._low, self._high = low, high
-        self._factor = None
+        self.values = None
 
     def factorise(self, blocks: np.ndarray) -> bool:
         """Make the factor of a Hessian given by its blocks, shape [block_count, 3, 3].
@@ -71,11 +71,11 @@ class Factor:
         """
         values = blocks[self._inside].reshape(-1)[self._used]
         if self._banded:
-            band = self._band
-            band[...] = 0.0
+            self.values = None
+            band = np.zeros((self.width, self.size), order="F")
             band.reshape(-1, order="F")[self._target] = values
-            # In place: the band is filled anew for every factor.
-            self._factor, info = dpbtrf(band, lower=1, overwrite_ab=1)
+            factor, info = dpbtrf(band, lower=1, overwrite_ab=1)
+            self.values = factor if info == 0 else None
             return info == 0
         return self._factorise_sparse(values)
 
@@ -88,15 +88,17 @@ class Factor:
         try:
             factor = splu(matrix, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
         except RuntimeError:
+            self.values = None
             return False
         self.byte_count = 12 * (factor.L.nnz + factor.U.nnz)
-        self._factor = factor
-        return bool((factor.U.diagonal() > 0.0).all())
+        is_positive = bool((factor.U.diagonal() > 0.0).all())
+        self.values = factor if is_positive else None
+        return is_positive
 
     def solve(self, right_side: np.ndarray) -> np.ndarray:
         """The factorised Hessian's inverse times a right side, both of shape [vertex_count, 3]; zero where held."""
         packed = right_side[self._order].reshape(-1)
-        packed = dpbtrs(self._factor, packed, lower=1)[0] if self._banded else self._factor.solve(packed)
+        packed = dpbtrs(self.values, packed, lower=1)[0] if self._banded else self.values.solve(packed)
         result = np.zeros_like(right_side)
         result[self._order] = packed.reshape(-1, 3)
         return result

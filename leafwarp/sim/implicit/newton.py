@@ -16,8 +16,10 @@ never from time, so that two runs are the same.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
+from scipy.sparse.linalg import LinearOperator, cg
 
 from leafwarp.sim.implicit import NotConverged
 from leafwarp.sim.implicit.factor import Factor
@@ -37,15 +39,17 @@ MOST_CRAWLED = 3
 # The factor is made anew once a vertex has gone this far since, or when a solve took so many iterations.
 FACTOR_REACH = 0.002
 MOST_LINEAR_ITERATIONS = 10
-# Reduction of the preconditioned residual in a solve.
-FORCING = 0.05
-CORRECTION_FORCING = 0.1
+# A step by an old factor of which the line search leaves less than this is taken anew with a new one.
+LEAST_SHARE = 0.1
+# Reduction of the residual in a solve.
+FORCING = 0.02
+CORRECTION_FORCING = 0.05
 # Armijo's share of the first-order decrease, and the shortest share of a step.
 SUFFICIENT = 1e-4
 SHORTEST = 1e-5
 # Least and most that a step is shortened by at a time.
 SHORTEN = (0.2, 0.5)
-# Relative rounding of a sum of energies, of a position, and of a spring's force over its stiffness.
+# Relative rounding of a sum of energies, of a position, and of a force over its stiffness.
 ENERGY_ROUNDING = 1e-14
 POSITION_ROUNDING = 2e-16
 STRETCH_ROUNDING = 1e-15
@@ -56,7 +60,8 @@ class Accuracy:
     """When a minimum counts as found: both must hold, after a full step.
 
     Attributes:
-        force: Largest force left on a vertex, over the mean of the magnitudes of all forces on a vertex.
+        force: Largest force left on a vertex, over the mean of load and inertia on a vertex and a hundredth of its
+            bending force. (The tensions of a stiff membrane would hide whole weights of vertices.)
         step: Way of a vertex in the last step, over the leaf's length.
     """
 
@@ -81,6 +86,31 @@ class Effort:
     watch: Stopwatch = field(default_factory=Stopwatch)
 
 
+class _BendsAway(Exception):
+    """A direction along which the potential does not bend upward, and the Hessian times it."""
+
+    def __init__(self, along: np.ndarray, product: np.ndarray):
+        super().__init__()
+        self.along, self.product = along.copy(), product
+
+
+@dataclass(frozen=True)
+class Memory:
+    """What Newton's method takes along from one minimum to the next.
+
+    Attributes:
+        tensions: Of the edges, as the Hessian has them [N], shape [edge_count].
+        factor: The factor at hand.
+        moved: How far vertices have gone since it was made [m]; infinite where it is not to be used.
+        crawled: Steps by the positive part alone, in a row.
+    """
+
+    tensions: np.ndarray
+    factor: Any
+    moved: float
+    crawled: int
+
+
 class Newton:
     """Minimises a potential.
 
@@ -97,7 +127,7 @@ class Newton:
         self._potential = potential
         self._length = length
         self._factor = Factor(potential.pattern, np.flatnonzero(~pinned), potential.vertex_count)
-        self._usable = False
+        # How far vertices have gone since the factor was made; infinite where there is none to be used.
         self._moved = np.inf
         self._is_new = False
         self._crawled = 0
@@ -105,12 +135,21 @@ class Newton:
 
     @property
     def byte_count(self) -> int:
-        """Memory of the factor [byte]."""
-        return self._factor.byte_count
+        """Memory of the factor at hand and of the one that a frame began with [byte]."""
+        return 2 * self._factor.byte_count
 
     def forget(self) -> None:
-        """Make the factor anew at the next step: the Hessian has changed otherwise than by motion."""
-        self._usable = False
+        """Make the factor anew at the next step."""
+        self._moved = np.inf
+
+    def memory(self) -> Memory:
+        """What is taken along to the next minimum."""
+        return Memory(self._potential.tensions(), self._factor.values, self._moved, self._crawled)
+
+    def recall(self, memory: Memory) -> None:
+        """Go on as if nothing had been done since."""
+        self._potential.put_tensions(memory.tensions)
+        self._factor.values, self._moved, self._crawled = memory.factor, memory.moved, memory.crawled
 
     def inertia_changed(self) -> None:
         """Tell that the inertia was set anew: the factor at hand may still serve, but no longer exactly."""
@@ -128,8 +167,8 @@ class Newton:
             if share == 1.0 and way <= accuracy.step * self._length and self.is_balanced(here, accuracy):
                 return here
         raise NotConverged(
-            f"after {MOST_ITERATIONS} Newton steps a force of {here.residual:.3g} N is left on a vertex, where the "
-            f"mean of the forces on one is {here.mean_force:.3g} N, and the last step went {way:.3g} m"
+            f"after {MOST_ITERATIONS} Newton steps a force of {here.residual:.3g} N is left on a vertex, where "
+            f"{here.mean_action:.3g} N act on one, and the last step went {way:.3g} m"
         )
 
     def start(self, positions: np.ndarray) -> Evaluation:
@@ -141,14 +180,14 @@ class Newton:
 
     def is_balanced(self, here: Evaluation, accuracy: Accuracy) -> bool:
         """Whether the forces left are small enough, the rounding of positions allowed for."""
-        return here.residual <= accuracy.force * here.mean_force + self._rounding()
+        return here.residual <= accuracy.force * here.mean_action + self._rounding()
 
     def is_at_rest(self, here: Evaluation) -> bool:
         """Whether nothing but the rounding of positions pulls."""
         return here.residual <= self._rounding()
 
     def _rounding(self) -> float:
-        return STRETCH_ROUNDING * self._length * self._potential.largest_strength()
+        return STRETCH_ROUNDING * self._length * self._potential.largest_stiffness()
 
     def step(self, here: Evaluation) -> tuple[float, float, Evaluation]:
         """One step from where the potential was last accepted.
@@ -163,13 +202,18 @@ class Newton:
             raise NotConverged("a position or a force is not a finite number")
         self.effort.iterations += 1
         found = None
-        if self._usable and self._moved <= FACTOR_REACH * self._length:
+        if self._moved <= FACTOR_REACH * self._length:
             step = self._solve(here.gradient, FORCING)
             found = None if step is None else self._search(here, step)
-        if found is None:
-            found = self._search(here, self._fresh_step(here.gradient))
-        if found is None:
+        if found is None or found[2] < LEAST_SHARE:
+            fresh = self._search(here, self._fresh_step(here.gradient))
+            if fresh is None and found is not None:
+                self._evaluate(found[0].positions)  # what is accepted is what was evaluated last
+            found = fresh or found
+        if found is None or (found[2] < 1.0 and np.array_equal(found[0].positions, here.positions)):
             raise NotConverged(f"no step lowers the potential; a force of {here.residual:.3g} N is left on a vertex")
+        if self._crawled > 0 and self._is_new:
+            found = self._lengthened(here, found)
         after, step, share = found
         self._potential.expect_tensions(step)
         self._potential.accept()
@@ -217,6 +261,23 @@ class Newton:
             share = min(max(lowest, SHORTEN[0] * share), SHORTEN[1] * share) if np.isfinite(lowest) else 0.1 * share
         return None
 
+    def _lengthened(
+        self, here: Evaluation, found: tuple[Evaluation, np.ndarray, float]
+    ) -> tuple[Evaluation, np.ndarray, float]:
+        """A full step by the positive part, doubled as long as that leads lower: past a saddle it is far too short."""
+        after, step, share = found
+        while share == 1.0:
+            longer = 2.0 * step
+            longest = _longest(longer)
+            if longest > LONGEST_STEP * self._length:
+                break
+            beyond = self._evaluate(here.positions + self._curved(here.positions, longer, longest))
+            if not beyond.energy < after.energy - ENERGY_ROUNDING * here.energy_size:
+                break
+            after, step = beyond, longer
+        # The potential holds what was evaluated last.
+        return self._evaluate(after.positions), step, share
+
     def _curved(self, start: np.ndarray, step: np.ndarray, longest: float) -> np.ndarray:
         """A step with its second-order correction."""
         corrected = step
@@ -237,7 +298,7 @@ class Newton:
 
         Args:
             gradient: [N], shape [vertex_count, 3].
-            reduction: Of the preconditioned residual.
+            reduction: Of the residual.
         """
         with self.effort.watch("solve"):
             if self._is_new:
@@ -252,30 +313,40 @@ class Newton:
 
         Args:
             gradient: [N], shape [vertex_count, 3].
-            reduction: Of the preconditioned residual.
+            reduction: Of the residual.
             leaves_saddle: Whether to go along the first direction in which the potential bends away.
 
         Returns:
             None where the iterations do not suffice or, unless the saddle is to be left, the potential bends away.
         """
-        step, residual = np.zeros_like(gradient), -gradient
-        along = aimed = self._factor.solve(residual)
-        size = first = float(np.vdot(residual, aimed))
-        for _ in range(MOST_LINEAR_ITERATIONS):
-            if size <= reduction * reduction * first:
-                return step
+        shape, size = gradient.shape, gradient.size
+        reached = np.zeros(size)
+
+        def multiply(along: np.ndarray) -> np.ndarray:
             self.effort.linear_iterations += 1
-            product = self._potential.product(along)
-            curvature = float(np.vdot(along, product))
-            if not curvature > 0.0:
-                # As far as a bowl of the same curvature would let it go.
-                return step + (size / -curvature) * along if leaves_saddle and curvature < 0.0 else None
-            step = step + (size / curvature) * along
-            residual = residual - (size / curvature) * product
-            aimed = self._factor.solve(residual)
-            before, size = size, float(np.vdot(residual, aimed))
-            along = aimed + (size / before) * along
-        return step if size <= reduction * reduction * first else None
+            product = self._potential.product(along.reshape(shape)).reshape(-1)
+            if not along @ product > 0.0:
+                raise _BendsAway(along, product)
+            return product
+
+        def keep(step: np.ndarray) -> None:
+            reached[:] = step
+
+        hessian = LinearOperator((size, size), multiply, dtype=np.float64)
+        inverse = LinearOperator((size, size), lambda right: self._factor.solve(right.reshape(shape)), dtype=np.float64)
+        try:
+            step, unfinished = cg(
+                hessian, -gradient.reshape(-1), rtol=reduction, maxiter=MOST_LINEAR_ITERATIONS, M=inverse, callback=keep
+            )
+        except _BendsAway as found:
+            curvature = float(found.along @ found.product)
+            if not leaves_saddle or not curvature < 0.0:
+                return None
+            # As far as a bowl of the same curvature would let it go.
+            left = gradient + self._potential.product(reached.reshape(shape))
+            step = reached + (float(left.reshape(-1) @ found.along) / curvature) * found.along
+            return step.reshape(shape)
+        return None if unfinished else step.reshape(shape)
 
     def _factorise(self) -> bool:
         """Make the factor of the Hessian, or of its positive part.
@@ -290,9 +361,9 @@ class Newton:
             for convex in (False, True):
                 self.effort.factorisations += 1
                 if self._factor.factorise(self._potential.blocks(convex)):
-                    self._usable, self._is_new, self._moved = True, True, 0.0
+                    self._is_new, self._moved = True, 0.0
                     return not convex
-        self._usable = False
+        self._moved = np.inf
         raise NotConverged("the stiffness matrix has no factor in float64: something is neither held nor heavy")
 
     def _evaluate(self, positions: np.ndarray) -> Evaluation:

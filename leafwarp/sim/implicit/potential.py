@@ -13,7 +13,8 @@ from leafwarp_kernels import edge_hessian, potential, stiffness_blocks
 
 _EDGES = ("vertex_edge_start", "vertex_edges", "vertex_neighbors")
 _AROUND = ("vertex_hinge_start", "vertex_hinge_slots")
-_RESULTS = ("vertex_energy", "gradient", "force_magnitude")
+_HINGES = ("hinge_vertices", "hinge_base_angle", "hinge_target_angle", "hinge_strength")
+_RESULTS = ("gradient", "vertex_energy", "force_magnitude", "acting_force")
 
 
 @dataclass(frozen=True)
@@ -26,6 +27,8 @@ class Evaluation:
         energy_size: Sum of the magnitudes of the vertices' shares of it [J].
         gradient: [N], shape [vertex_count, 3]; zero where a vertex is held.
         mean_force: Mean over the vertices of the sum of the magnitudes of all forces on each [N].
+        mean_action: Mean over the vertices of the magnitudes of load and inertia on each, and a hundredth of that of
+            its bending force [N]: what the forces that are left are judged by.
     """
 
     positions: np.ndarray
@@ -33,6 +36,7 @@ class Evaluation:
     energy_size: float
     gradient: np.ndarray
     mean_force: float
+    mean_action: float
 
     @property
     def residual(self) -> float:
@@ -53,6 +57,8 @@ class Potential:
 
     Attributes:
         arrays: What it brings into the state.
+        host_reads: Names of the arrays that it reads on the host or copies from.
+        host_writes: Names of the arrays that it fills from the host or copies to, but for tables.
         pattern: Where the blocks of its Hessian lie.
     """
 
@@ -70,6 +76,7 @@ class Potential:
             ArraySpec("gradient", (count,), "vector", "derivative of the potential by the positions [N]"),
             ArraySpec("vertex_energy", (count,), "real", "each vertex's share of the potential [J]"),
             ArraySpec("force_magnitude", (count,), "real", "magnitudes of the forces on each vertex together [N]"),
+            ArraySpec("acting_force", (count,), "real", "what the forces left on each vertex are judged by [N]"),
             ArraySpec("direction", (count,), "vector", "a step, or what the Hessian is to be multiplied by [m]"),
             ArraySpec("product", (count,), "vector", "the Hessian times that [N]"),
             ArraySpec("edge_target_length", (edge_count,), "real", "rest lengths with damping [m]"),
@@ -93,6 +100,22 @@ class Potential:
                 ArraySpec("block_hinge_start", (blocks + 1,), "int32", "where each block's hinge blocks start"),
                 ArraySpec("block_hinge_slots", (10 * hinge_count,), "int32", "hinge blocks of each block"),
             )
+
+        self.host_reads = (*_RESULTS, "product", "block", "edge_strength", "inertia", "edge_tension", "trial_position")
+        self.host_writes = ("trial_position", "base_position", "direction", "edge_tension")
+        if self.hinged:
+            self.host_reads += ("hinge_angle", "hinge_trial_angle", "hinge_base_angle")
+            self.host_writes += ("hinge_base_angle", "hinge_angle")
+
+    @property
+    def evaluation_launches(self) -> int:
+        """Launches of an evaluation."""
+        return len(self._gradient_commands)
+
+    @property
+    def step_launches(self) -> int:
+        """Launches of a Newton step with a new factor that is not corrected: blocks, tensions, evaluation."""
+        return len(self._block_commands[False]) + 1 + self.evaluation_launches
 
     @property
     def hinged(self) -> bool:
@@ -127,75 +150,93 @@ class Potential:
         self._block_commands = [self._record_blocks(state, convex) for convex in (False, True)]
 
     def _record_gradient(self, state: State) -> list[Command]:
-        outputs = ["gradient", "vertex_energy", "force_magnitude"]
-        springs = ["edge_target_length", "edge_strength", "inertia"]
-        inputs = ["trial_position", *_EDGES, *springs, "goal", "load", "pinned"]
+        springs = ["edge_target_length", "edge_strength", "inertia", "goal", "load", "pinned"]
+        of_edges = state.record(
+            potential.membrane_gradient, self.vertex_count, ["trial_position", *_EDGES, *springs], _RESULTS
+        )
         if not self.hinged:
-            return [state.record(potential.membrane_gradient, self.vertex_count, inputs, outputs)]
+            return [of_edges]
+        from leafwarp_kernels import hinge_potential
+
+        springs = ["hinge_target_angle", "hinge_strength"]
         return [
+            of_edges,
             state.record(
-                potential.hinge_potential,
+                hinge_potential.hinge_potential,
                 self._hinge_count,
-                ["trial_position", "hinge_vertices", "hinge_target_angle", "hinge_strength", "hinge_angle"],
+                ["trial_position", "hinge_vertices", *springs, "hinge_angle"],
                 ["hinge_trial_angle", "hinge_gradient"],
             ),
             state.record(
-                potential.sheet_gradient,
+                hinge_potential.add_hinge_gradients,
                 self.vertex_count,
-                [*inputs, *_AROUND, "hinge_gradient", "hinge_trial_angle", "hinge_target_angle", "hinge_strength"],
-                outputs,
+                [*_AROUND, "hinge_gradient", "hinge_trial_angle", *springs, "pinned"],
+                _RESULTS,
             ),
         ]
 
     def _record_product(self, state: State) -> list[Command]:
-        inputs = ["base_position", "direction", *_EDGES, "edge_strength", "edge_tension", "inertia", "pinned"]
+        springs = ["edge_strength", "edge_tension", "inertia", "pinned"]
+        of_edges = state.record(
+            edge_hessian.membrane_product,
+            self.vertex_count,
+            ["base_position", "direction", *_EDGES, *springs],
+            ["product"],
+        )
         if not self.hinged:
-            return [state.record(edge_hessian.membrane_product, self.vertex_count, inputs, ["product"])]
+            return [of_edges]
         from leafwarp_kernels import hinge_hessian
 
-        springs = ["hinge_vertices", "hinge_base_angle", "hinge_target_angle", "hinge_strength"]
         # The gradient has been summed by then, so that its hinges' array serves the products, too.
         return [
+            of_edges,
             state.record(
                 hinge_hessian.hinge_products,
                 self._hinge_count,
-                ["base_position", "direction", *springs],
+                ["base_position", "direction", *_HINGES],
                 ["hinge_gradient"],
             ),
             state.record(
-                hinge_hessian.sheet_product,
+                hinge_hessian.add_hinge_products,
                 self.vertex_count,
-                [*inputs, *_AROUND, "hinge_gradient"],
+                [*_AROUND, "hinge_gradient", "pinned"],
                 ["product"],
             ),
         ]
 
     def _record_blocks(self, state: State, convex: bool) -> list[Command]:
-        edge_blocks = state.record(
-            edge_hessian.edge_blocks,
-            self._edge_count,
-            ["base_position", "edge_vertices", "edge_strength", "edge_tension", convex],
-            ["edge_block"],
-        )
-        inputs = ["block_row", "block_is_diagonal", "block_edge_start", "block_edges", "edge_block", "inertia"]
+        of_edges = [
+            state.record(
+                edge_hessian.edge_blocks,
+                self._edge_count,
+                ["base_position", "edge_vertices", "edge_strength", "edge_tension", convex],
+                ["edge_block"],
+            ),
+            state.record(
+                stiffness_blocks.membrane_blocks,
+                self.pattern.count,
+                ["block_row", "block_is_diagonal", "block_edge_start", "block_edges", "edge_block", "inertia"],
+                ["block"],
+            ),
+        ]
         if not self.hinged:
-            return [
-                edge_blocks,
-                state.record(stiffness_blocks.membrane_blocks, self.pattern.count, inputs, ["block"]),
-            ]
+            return of_edges
         from leafwarp_kernels import hinge_hessian
 
-        springs = ["hinge_vertices", "hinge_base_angle", "hinge_target_angle", "hinge_strength"]
-        inputs += ["block_hinge_start", "block_hinge_slots", "hinge_block"]
         return [
-            edge_blocks,
+            *of_edges,
             state.record(
                 hinge_hessian.hinge_blocks,
                 self._hinge_count,
-                ["base_position", *springs, convex],
+                ["base_position", *_HINGES, convex],
                 ["hinge_block"],
             ),
-            state.record(stiffness_blocks.sheet_blocks, self.pattern.count, inputs, ["block"]),
+            state.record(
+                hinge_hessian.add_hinge_blocks,
+                self.pattern.count,
+                ["block_hinge_start", "block_hinge_slots", "hinge_block"],
+                ["block"],
+            ),
         ]
 
     def evaluate(self, positions: np.ndarray) -> Evaluation:
@@ -203,13 +244,13 @@ class Potential:
         self._state.upload("trial_position", positions)
         for command in self._gradient_commands:
             command.run()
-        energy, gradient, magnitude = (self._state[name].numpy() for name in _RESULTS)
+        gradient, energy, magnitude, acting = (self._state[name].numpy() for name in _RESULTS)
         total, size = float(energy.sum()), float(np.abs(energy).sum())
-        return Evaluation(positions, total, size, gradient.copy(), float(magnitude.mean()))
+        return Evaluation(positions, total, size, gradient.copy(), float(magnitude.mean()), float(acting.mean()))
 
-    def largest_strength(self) -> float:
-        """Largest stiffness of an edge [N/m]."""
-        return float(self._state["edge_strength"].numpy().max())
+    def largest_stiffness(self) -> float:
+        """Largest stiffness of an edge and largest inertia together [N/m]."""
+        return float(self._state["edge_strength"].numpy().max() + self._state["inertia"].numpy().max())
 
     def accept(self) -> None:
         """Take the Hessian from now on where the potential was last evaluated."""
@@ -221,6 +262,14 @@ class Potential:
         """Let the hinges' angles go on from those where the Hessian is taken."""
         if self.hinged:
             wp.copy(self._state["hinge_angle"], self._state["hinge_base_angle"])
+
+    def tensions(self) -> np.ndarray:
+        """The tensions that the Hessian has [N], shape [edge_count]."""
+        return self._state["edge_tension"].numpy().copy()
+
+    def put_tensions(self, tensions: np.ndarray) -> None:
+        """Let the Hessian have tensions [N], shape [edge_count]."""
+        self._state.upload("edge_tension", tensions)
 
     def expect_tensions(self, step: np.ndarray) -> None:
         """Let the Hessian have the tensions that a step is to lead to, to first order; shape [vertex_count, 3]."""

@@ -95,6 +95,6 @@ def relax(
         elif share <= BAD:
             rate = max(LOSS * rate, FIRST_LOSS * first)
     raise NotConverged(
-        f"after {MOST_STEPS} steps toward equilibrium a force of {here.residual:.3g} N is left on a vertex, where the "
-        f"mean of the forces on one is {here.mean_force:.3g} N, and the last step went {way:.3g} m"
+        f"after {MOST_STEPS} steps toward equilibrium a force of {here.residual:.3g} N is left on a vertex, where "
+        f"{here.mean_action:.3g} N act on one, and the last step went {way:.3g} m"
     )

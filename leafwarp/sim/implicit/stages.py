@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import ClassVar
-
 import numpy as np
 
 from leafwarp.leaf.leaf import Leaf
@@ -11,8 +9,14 @@ from leafwarp.scene import Scene
 from leafwarp.sim.forces import edge_arrays, fill_edges, fill_hinges, fill_vertices, hinge_arrays, vertex_arrays
 from leafwarp.sim.implicit.potential import Potential
 from leafwarp.sim.launch import ArraySpec, Command, State
+from leafwarp.sim.stable_step import FrequencyBound
 from leafwarp.sim.stage import Stage
 from leafwarp_kernels import implicit_step
+
+# What the coupling sets and quasistatic motion goes toward in parts if it must.
+REST_STATE = ("edge_rest_length", "edge_stiffness", "hinge_rest_angle", "hinge_stiffness", "mass")
+_READS = ("position", "velocity", "pinned", "mass", "edge_rest_length")
+_WRITES = ("position", "velocity", "time_step", "damping_share", "inertia", "goal")
 
 
 class PotentialMotion(Stage):
@@ -25,8 +29,6 @@ class PotentialMotion(Stage):
     """
 
     rate = "frame"
-    host_reads: ClassVar[tuple[str, ...]] = ("trial_position", "gradient", "product", "block")
-    host_writes: ClassVar[tuple[str, ...]] = ("position", "velocity", "trial_position")
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
@@ -34,6 +36,10 @@ class PotentialMotion(Stage):
         self.hinged = scene.has_angular_springs and mesh.hinge_count > 0
         hinges = mesh.hinges if self.hinged else np.zeros((0, 4), dtype=np.int32)
         self.potential = Potential(mesh.vertex_count, mesh.edges, hinges)
+        # What Newton's method and the checks of a frame look at, and what they put there or, after a frame that is
+        # refused, back.
+        self.host_reads = (*_READS, *self.potential.host_reads)
+        self.host_writes = (*_WRITES, *self.potential.host_writes)
         self.arrays = (
             *vertex_arrays(mesh),
             *edge_arrays(mesh),
@@ -46,11 +52,6 @@ class PotentialMotion(Stage):
     @property
     def host_bytes(self) -> int:
         return self.factor_bytes
-
-    @property
-    def launches(self) -> int:
-        """Launches of a frame that is found in one Newton step, that of a factor of the whole Hessian included."""
-        return len(self.recorded)
 
     def bind(self, state: State) -> None:
         fill_vertices(self.scene, self.leaf, state)
@@ -111,10 +112,27 @@ class ImplicitMotion(PotentialMotion):
     """Backward Euler: inertia, weight, drag and all springs at once, at the end of the step."""
 
     name = "implicit_motion"
-    purpose = "motion by backward Euler: Newton's method, with a factor of the Hessian on the host"
+    purpose = (
+        "motion by backward Euler: Newton's method (launches: of one step), with a factor of the Hessian on the host"
+    )
+
+    def __init__(self, scene: Scene, leaf: Leaf):
+        super().__init__(scene, leaf)
+        if scene.structure.damping > 0.0:
+            self.bound = FrequencyBound(leaf.mesh, self.hinged)
+            self.arrays += self.bound.arrays
+            self.host_reads += ("squared_frequency",)
+
+    @property
+    def launches(self) -> int:
+        """Launches of a frame that is found in one Newton step with a new factor; every further step adds its own."""
+        found = self.potential.evaluation_launches + self.potential.step_launches
+        return len(self._springs) + 1 + found + 1
 
     def bind(self, state: State) -> None:
         super().bind(state)
+        if self.scene.structure.damping > 0.0:
+            self.bound.bind(state)
         drag = state.real(self.scene.motion.drag)
         self._prediction: Command = state.record(
             implicit_step.predict,
@@ -133,4 +151,15 @@ class QuasistaticMotion(PotentialMotion):
     """The equilibrium of every frame."""
 
     name = "quasistatic_motion"
-    purpose = "equilibrium of the frame: Newton's method, with a factor of the Hessian on the host"
+    purpose = "equilibrium of the frame: Newton's method (launches: of none), with a factor of the Hessian on the host"
+
+    def __init__(self, scene: Scene, leaf: Leaf):
+        super().__init__(scene, leaf)
+        rest_state = REST_STATE if self.hinged else [name for name in REST_STATE if "hinge" not in name]
+        self.host_reads += tuple(rest_state)
+        self.host_writes += tuple(rest_state)
+
+    @property
+    def launches(self) -> int:
+        """Launches of a frame in which nothing changes; every Newton step adds its own."""
+        return len(self._springs) + 1 + self.potential.evaluation_launches + 1

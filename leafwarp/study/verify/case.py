@@ -21,6 +21,7 @@ class Check:
         error: How far apart the two are: in the quantity's unit, or relative to what is expected.
         tolerance: The largest error that passes, in the same unit.
         is_relative: Whether error and tolerance are relative to what is expected.
+        explanation: Why the check is known to fail, where it is; it is reported as failed all the same.
     """
 
     quantity: str
@@ -29,11 +30,17 @@ class Check:
     error: float
     tolerance: float
     is_relative: bool = False
+    explanation: str = ""
 
     @property
     def passed(self) -> bool:
         """Whether the error is within the tolerance; one that is not a number is not."""
-        return self.error <= self.tolerance
+        return bool(self.error <= self.tolerance)
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether the check fails for a known reason."""
+        return not self.passed and self.explanation != ""
 
 
 def near(quantity: str, expected: float, got: float, tolerance: float) -> Check:

@@ -94,6 +94,9 @@ def strip(**shape: float) -> Leaf:
     return leaf_of(mesh_from_triangles(positions, triangles), shape.get("length", 0.1))
 
 
+STIFFNESS = {"edge_springs": "edge_stiffness", "angular_springs": "hinge_stiffness"}
+
+
 @dataclass
 class Rig:
     """A leaf's springs on a device, without water."""
@@ -118,10 +121,21 @@ class Rig:
         return values.astype(np.float64) if values.dtype.kind == "f" else values
 
     def forces(self, *names: str) -> np.ndarray:
-        """Forces of the named stages together [N]; edge springs come first or the force starts from zero."""
+        """Forces of the named stages together [N].
+
+        On a CPU both springs of an edge are computed together: the kind that is not asked for has no stiffness
+        meanwhile.
+        """
+        present = [stage.name for stage in self.stages if stage.name in STIFFNESS]
+        kept = {}
+        if not set(names).isdisjoint(present):
+            kept = {STIFFNESS[name]: self.get(STIFFNESS[name]) for name in present if name not in names}
+            names = (*present, *(name for name in names if name not in present))
+        self.put(**{name: np.zeros_like(values) for name, values in kept.items()})
         self.state["force"].zero_()
         for name in names:
             self.stage(name).run()
+        self.put(**kept)
         return self.get("force")
 
 

@@ -7,6 +7,8 @@ from functools import cache
 
 import numpy as np
 
+from leafwarp.errors import LeafwarpError
+
 LARGEST_STEP = 2.0  # factor between two loads of which the second starts from the first's solution
 
 
@@ -35,6 +37,9 @@ def elastica(weight: float = 0.0, end_load: float = 0.0) -> Elastica:
         weight: Weight number ``w L^3 / EI``, with the weight ``w`` of a unit of length; of a plate
             ``Gamma = sigma g L^3 / D``.
         end_load: ``P L^2 / EI``.
+
+    Raises:
+        LeafwarpError: The solver did not find the beam's shape.
     """
     from scipy.integrate import solve_bvp
 
@@ -52,7 +57,10 @@ def elastica(weight: float = 0.0, end_load: float = 0.0) -> Elastica:
             slopes, lambda a, b: np.array([a[0], b[1], a[2], a[3]]), arc, state, tol=1e-8, max_nodes=20000
         )
         if not solution.success:
-            raise ArithmeticError(f"elastica of weight {weight:g} and end load {end_load:g}: {solution.message}")
+            raise LeafwarpError(
+                f"the reference beam of weight number {weight:g} and end load {end_load:g} was not found: "
+                f"{solution.message}"
+            )
         arc, state = solution.x, solution.y
     return Elastica(arc, np.abs(state[0]), state[2], np.abs(state[3]))
 

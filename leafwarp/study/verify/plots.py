@@ -86,7 +86,7 @@ def _convergence(device: str) -> Any:
 
 def _cantilever(device: str) -> Any:
     """Droop of sheets under their own weight beside the elastica, and how far off it is."""
-    from leafwarp.study.verify.beams import CELLS, WEIGHTS, droop, expected_droop
+    from leafwarp.study.verify.beams import CELLS, WEIGHTS, droops, expected_droop
 
     figure, panels = _figure(11.0, 4.6, 2)
     weights = np.geomspace(WEIGHTS[0] / 1.5, WEIGHTS[-1] * 1.3, 30)
@@ -95,7 +95,7 @@ def _cantilever(device: str) -> Any:
     )
     for kind, color in MESH_COLORS.items():
         for number, cells in enumerate(CELLS):
-            drops = np.array([droop(kind, cells, device)[w] for w in WEIGHTS])
+            drops = droops(kind, cells, device).mean(axis=0)
             errors = drops / np.array([expected_droop(w) for w in WEIGHTS]) - 1.0
             style = {"color": color, "marker": MARKERS[number], "markersize": 6, "label": f"{kind}, h = L/{cells}"}
             panels[0].semilogx(WEIGHTS, drops, linestyle="", markerfacecolor="none", **style)

@@ -28,8 +28,13 @@ class Result:
 
     @property
     def passed(self) -> bool:
-        """Whether every check passed; a case without checks has proven nothing."""
-        return bool(self.checks) and all(check.passed for check in self.checks)
+        """Whether every check passed or fails for a known reason; a case without checks has proven nothing."""
+        return bool(self.checks) and all(check.passed or check.is_explained for check in self.checks)
+
+    @property
+    def explained(self) -> tuple[Check, ...]:
+        """The checks that fail for a known reason."""
+        return tuple(check for check in self.checks if check.is_explained)
 
 
 def as_data(results: Sequence[Result]) -> list[dict[str, Any]]:
@@ -49,8 +54,17 @@ def as_data(results: Sequence[Result]) -> list[dict[str, Any]]:
     ]
 
 
+def explanations(results: Sequence[Result]) -> list[dict[str, str]]:
+    """Why checks fail, where that is known, for JSON."""
+    return [
+        {"case": result.case.name, "quantity": check.quantity, "explanation": check.explanation}
+        for result in results
+        for check in result.explained
+    ]
+
+
 def as_text(results: Sequence[Result]) -> str:
-    """A table with a row a check, what the failed cases compare, and the count."""
+    """A table with a row a check, why checks fail where that is known, what the failed cases compare, and the count."""
     rows = [TITLES]
     for result in results:
         for number, check in enumerate(result.checks):
@@ -61,13 +75,18 @@ def as_text(results: Sequence[Result]) -> str:
         for row in rows
     ]
     lines.insert(1, "  ".join("-" * width for width in widths))
+    for result in results:
+        for reason in dict.fromkeys(check.explanation for check in result.explained):
+            lines += ["", f"{result.case.name}: {reason}"]
     failed = [result for result in results if not result.passed]
     if failed:
         lines += ["", *(f"{result.case.name} failed: {result.case.summary}" for result in failed)]
     checks = [check for result in results for check in result.checks]
     passed = sum(check.passed for check in checks)
     seconds = sum(result.seconds for result in results)
-    lines += ["", f"{passed} of {len(checks)} checks of {len(results)} cases passed in {seconds:.0f} s"]
+    explained = sum(len(result.explained) for result in results)
+    known = f" and {explained} failed for the reason given" if explained else ""
+    lines += ["", f"{passed} of {len(checks)} checks of {len(results)} cases passed{known} in {seconds:.0f} s"]
     return "\n".join(lines)
 
 

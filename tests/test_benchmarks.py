@@ -1,0 +1,131 @@
+"""The quick form of every benchmark: the tables that it prints, and what they can be held to without timing."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import benchmarks.results as results
+from benchmarks.__main__ import PLACES, USAGE, main
+from benchmarks.fluid import CONTENDERS, OURS, STREAM
+from benchmarks.timing import Timing, exponent, round_robin
+
+
+def tables(text: str) -> list[list[dict[str, str]]]:
+    """The tables of a Markdown text: rows by the names of the columns."""
+    found: list[list[dict[str, str]]] = []
+    head: list[str] | None = None
+    for line in text.splitlines():
+        if not line.startswith("|"):
+            head = None
+            continue
+        cells = [cell.strip() for cell in line.strip("|").split("|")]
+        if head is None:
+            head = cells
+            found.append([])
+        elif not set(line) <= set("|-:"):
+            found[-1].append(dict(zip(head, cells, strict=True)))
+    return found
+
+
+def quick(name: str, capsys: pytest.CaptureFixture) -> list[list[dict[str, str]]]:
+    assert main([name, "--quick"]) == 0
+    text = capsys.readouterr().out
+    assert f"Command: `python -m benchmarks {'' if name == 'table2' else name + ' '}--write`. Machine: " in text
+    return tables(text)
+
+
+def number(cell: str) -> float:
+    """The median in a cell."""
+    return float(cell.split(" ")[0])
+
+
+def test_fluid(capsys: pytest.CaptureFixture) -> None:
+    (rows,) = quick("fluid", capsys)
+    by_name = {row["step"]: row for row in rows}
+    installed = {contender.name for contender in CONTENDERS if contender.module is None}
+    assert installed | {STREAM} <= set(by_name)
+    assert by_name[OURS]["of leafwarp's"] == "1 (1-1)" and by_name[STREAM]["of the copy's"] == "1 (1-1)"
+    for name in installed:
+        assert number(by_name[name]["ms"]) > 0.0
+        # Textbook eliminations round worse than ours, unsplit steps are compared with one another.
+        assert float(by_name[name]["largest difference"]) < 1e-4, name
+    assert float(by_name[OURS]["largest difference"]) < 1e-6
+
+
+def test_structure(capsys: pytest.CaptureFixture) -> None:
+    (rows,) = quick("structure", capsys)
+    assert len(rows) == 5 and rows[0]["of leafwarp's"] == "1 (1-1)"
+    assert all(number(row["ms"]) > 0.0 for row in rows)
+
+
+def test_scaling(capsys: pytest.CaptureFixture) -> None:
+    fluid, structure = quick("scaling", capsys)
+    assert [int(row["map"]) for row in fluid] == [32, 64, 128]
+    cells = [int(row["leaf cells"]) for row in fluid]
+    assert np.all(np.diff(cells) > 0) and np.all(np.diff([float(row["arrays [MB]"]) for row in fluid]) > 0)
+    springs = [int(row["springs"]) for row in structure]
+    # A large mesh has three edges and three hinges a vertex.
+    assert np.all(np.diff(springs) > 0) and all(
+        4.0 < count / int(row["vertices"]) < 6.0 for count, row in zip(springs, structure, strict=True)
+    )
+
+
+def test_memory(capsys: pytest.CaptureFixture) -> None:
+    ((row,),) = quick("memory", capsys)
+    arrays = float(row["arrays [MB]"])
+    assert 0.0 < arrays < float(row["peak, leaf prepared before [MB]"])
+
+
+def test_startup(capsys: pytest.CaptureFixture) -> None:
+    (rows,) = quick("startup", capsys)
+    runs = [row for row in rows if "run" in row["command"]]
+    assert [row["command"].rsplit(", ")[-1] for row in runs] == ["cold", "warm"]
+    assert all(0.0 < number(row["to the first frame [s]"]) <= number(row["to the end [s]"]) for row in runs)
+    assert any("--help" in row["command"] for row in rows)
+
+
+def test_table2_is_what_no_name_means(capsys: pytest.CaptureFixture) -> None:
+    (named,) = quick("table2", capsys)
+    assert main(["--quick"]) == 0
+    (unnamed,) = tables(capsys.readouterr().out)
+    assert [row["map"] for row in named] == [row["map"] for row in unnamed] == ["128 x 128"]
+    assert named[0]["paper"] == "11"
+
+
+def test_every_benchmark_is_listed(capsys: pytest.CaptureFixture) -> None:
+    assert main(["--help"]) == 0
+    assert capsys.readouterr().out == USAGE
+    assert [line.split()[0] for line in USAGE.splitlines() if line.startswith("  ")] == [*PLACES, "all"]
+
+
+def test_an_unknown_name_is_refused(capsys: pytest.CaptureFixture) -> None:
+    assert main(["fluids"]) == 2
+    assert "'fluids' is not accepted; accepted: table2, fluid" in capsys.readouterr().err
+
+
+def test_results_are_kept_in_their_section(tmp_path: Path) -> None:
+    path = tmp_path / "RESULTS.md"
+    for title, body in (("One", "first"), ("Two", "second"), ("One", "third")):
+        results.write_section(title, body, path)
+    assert path.read_text() == f"{results.HEAD}\n## One\n\nthird\n\n## Two\n\nsecond\n"
+
+
+def test_contenders_take_turns() -> None:
+    order: list[str] = []
+    timings = round_robin({name: (lambda n=name: order.append(n)) for name in "abc"}, rounds=3, least_lap=0.0)
+    assert order[:6] == list("aabbcc")  # once to warm up, once to see how long it takes
+    assert order[6:] == list("aabbccbbccaaccaabb")  # untimed, timed
+    assert {len(timing.milliseconds) for timing in timings.values()} == {3}
+
+
+def test_ratios_are_taken_round_by_round() -> None:
+    ours, theirs = Timing((1.0, 2.0, 4.0)), Timing((3.0, 6.0, 12.0))
+    assert theirs.over(ours).milliseconds == (3.0, 3.0, 3.0)
+
+
+def test_an_exponent_is_that_of_a_power_law() -> None:
+    sizes = [10.0, 100.0, 1000.0]
+    assert exponent(sizes, [3.0 * size**1.5 for size in sizes]) == pytest.approx(1.5)
