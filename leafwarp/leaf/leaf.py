@@ -128,6 +128,11 @@ class Leaf:
         return self.frame.uv(self.mesh.positions)
 
     @property
+    def is_many(self) -> bool:
+        """Whether the scene asks for leaves, however many, with places of their own."""
+        return False
+
+    @property
     def photos(self) -> tuple[Leaf, ...]:
         """The prepared leaf of each photo."""
         return (self,)

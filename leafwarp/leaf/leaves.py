@@ -36,6 +36,11 @@ class Leaves(Leaf):
     photo_of: tuple[int, ...] = ()
 
     @property
+    def is_many(self) -> bool:
+        """Leaves have places of their own, be it one leaf only."""
+        return True
+
+    @property
     def uv(self) -> np.ndarray:
         """Coordinates of the vertices in the map and texture of their own photo, shape [vertex_count, 2], float64."""
         return self.join(lambda photo, specimen: photo.uv)

@@ -48,7 +48,7 @@ class ContactSheet:
     def __init__(self, leaf: Leaf, frames: Sequence[int], device: str = "cpu"):
         self.frames = tuple(frames)
         self._places, self._uv, self._texture = None, leaf.uv, leaf.texture
-        if len(leaf.specimens) > 1:
+        if leaf.is_many:
             self._uv, self._texture = stacked_textures(leaf)
             self._places = leaf.places.astype(np.float32)
             leaf = leaf.laid_out()

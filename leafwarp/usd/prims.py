@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from pxr import Sdf
 
 from leafwarp.leaf.leaf import Leaf
-from leafwarp.leaf.leaves import Leaves
 
 ONE_LEAF, MANY_LEAVES = Sdf.Path("/Leaf"), Sdf.Path("/Leaves")
 LEAST_DIGITS = 4  # of a leaf's number in its name
@@ -52,16 +51,15 @@ class Prims:
     def of(cls, leaf: Leaf) -> Prims:
         """The prims of a leaf, or of many."""
         count = len(leaf.specimens)
-        is_many = isinstance(leaf, Leaves)
         digits = max(LEAST_DIGITS, len(str(count)))
         prims = []
         for index, (photo, own, specimen) in enumerate(
             zip(leaf.photo_of, leaf.vertex_slices, leaf.specimens, strict=True)
         ):
-            model = MANY_LEAVES.AppendChild(f"leaf_{index + 1:0{digits}d}") if is_many else ONE_LEAF
-            mesh = model.AppendPath("leaf" if is_many else "geo/leaf")
+            model = MANY_LEAVES.AppendChild(f"leaf_{index + 1:0{digits}d}") if leaf.is_many else ONE_LEAF
+            mesh = model.AppendPath("leaf" if leaf.is_many else "geo/leaf")
             prims.append(LeafPrim(model, mesh, leaf.photos[photo], photo, own, specimen.place))
-        return cls(MANY_LEAVES if is_many else ONE_LEAF, tuple(prims), leaf.photos)
+        return cls(MANY_LEAVES if leaf.is_many else ONE_LEAF, tuple(prims), leaf.photos)
 
     @property
     def is_many(self) -> bool:
