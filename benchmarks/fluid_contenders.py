@@ -107,6 +107,7 @@ class TwoThreads(Lanes):
     def __init__(self, problem: Problem, precision: str = "float32"):
         super().__init__(problem, "xy", precision)
         self._pool = ThreadPoolExecutor(2)
+        self._rooms: list[wp.array] = []  # a recorded launch does not keep its arrays
         self._halves = [self._launches(direction) for direction in "xy"]
 
     def _launches(self, direction: str) -> list[wp.Launch]:
@@ -123,6 +124,7 @@ class TwoThreads(Lanes):
             if direction == "x":
                 water = state.whole("water")[LANES * begin : LANES * end]
                 room = wp.zeros((1, weights[0].shape[1]), dtype=weights[0].dtype, device="cpu")
+                self._rooms.append(room)
                 kernel, arguments = solve_distant_lines, [*inputs, water, room, water]
             else:
                 water = state.lanes("water").transpose((1, 0))[part]
