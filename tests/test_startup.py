@@ -107,7 +107,7 @@ def _overloads() -> dict[str, int]:
         ({"motion.pin_radius": 0.05, "motion.clamp": True}, set(), set()),
         ({"motion.clamp": False, "motion.wind": [1.0, 0.0, 0.0], "solver.precision": "float64"}, set(), set()),
     ],
-    ids=str,
+    ids=["implicit", "quasistatic", "paper", "unsplit", "conjugate-gradients", "held", "windy"],
 )
 def test_kernels_are_found_ahead_for_any_scene(small_scene: Path, changes, more, less, device: str) -> None:
     """The leaf that they are found with suits every stage."""
