@@ -51,6 +51,7 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
         "substeps_per_frame": substeps,
         "substep_seconds": 1.0 / (scene.time.fps * substeps),
         "motion": scene.motion.method,
+        "only_explicit": scene.leaves is not None or scene.structure.bending == "paper",
         "warnings": list(scene.warnings),
         "bytes": plan.byte_count,
         "host_bytes": sum(stage.host_bytes for stage in plan.stages),
@@ -91,7 +92,7 @@ def print_plan(report: dict[str, Any]) -> None:
             f"the split scheme throttles diagonal veins where beta is above about {SPLIT_BETA:g}: here it reaches "
             f"{beta:.3g}; a shorter fluid.step or fluid.scheme = 'unsplit' helps, and tradeoff measures how much"
         )
-    if report["motion"] == "explicit" and report["substeps_per_frame"] > MANY_SUBSTEPS:
+    if report["motion"] == "explicit" and not report["only_explicit"] and report["substeps_per_frame"] > MANY_SUBSTEPS:
         print("explicit motion wants a soft membrane: motion.method = 'implicit' takes a real leaf's in a step a frame")
     print(f"\n{'stage':<18} {'runs once a':<11} {'launches/frame':>14} {'kB':>8}  what it does")
     for stage in report["stages"]:

@@ -71,6 +71,8 @@ class Scene(Table):
             return data
         first, *further = data["leaf"]
         leaves = data.get("leaves", {})
+        if isinstance(leaves, Mapping) and further and "photos" in leaves:
+            raise ValueError("leaves.photos: further photos are given by [[leaf]], too; accepted: one of the two")
         if isinstance(leaves, Mapping) and "photos" not in leaves:
             leaves = {"count": 1 + len(further), **leaves, "photos": further}
         return {**data, "leaf": first, "leaves": leaves}

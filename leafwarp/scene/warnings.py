@@ -146,10 +146,11 @@ def slow_motion(scene: Scene) -> Iterator[str]:
     mass = (structure.dry_mass + structure.water_mass) * scene.leaf.length**2 / scene.mesh.vertices
     step = 2.0 / math.sqrt(12.0 * 0.5 * math.sqrt(3.0) * stiffness / mass)
     substeps = 1.0 / (scene.time.fps * step)
+    other = "" if scene.leaves or structure.bending == "paper" else "; motion.method = 'implicit' takes one"
     if substeps > MANY_SUBSTEPS:
         yield (
             f"motion.method = 'explicit': a membrane of {plain_number(stiffness)} N/m takes steps "
-            f"below {step:.2g} s, more than {substeps:.0f} a frame; motion.method = 'implicit' takes one"
+            f"below {step:.2g} s, more than {substeps:.0f} a frame{other}"
         )
 
 

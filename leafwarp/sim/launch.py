@@ -203,7 +203,10 @@ class State:
         """Name of the array that an argument is, or is a view of."""
         if not isinstance(argument, wp.array):
             return None
-        return next((name for name, array in self._arrays.items() if array.ptr == argument.ptr), None)
+        for name, whole in self._whole.items():
+            if argument.ptr is not None and whole.ptr is not None and 0 <= argument.ptr - whole.ptr < whole.capacity:
+                return name
+        return None
 
 
 @dataclass

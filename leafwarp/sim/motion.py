@@ -76,6 +76,9 @@ class Motion:
         self._slices = leaf.vertex_slices
         self._drag = scene.motion.drag
         self._damping = scene.structure.damping
+        # Neither many leaves nor the paper's bending move in any other way.
+        only_explicit = scene.leaves is not None or scene.structure.bending == "paper"
+        self._other_method = "" if only_explicit else ", or take motion.method = 'implicit'"
         self._maximum = scene.solver.maximum_substeps
         self._stages = [stage for stage in stages if stage.rate == "substep"]
         self._guard = next(stage for stage in stages if isinstance(stage, StableStep))
@@ -303,7 +306,7 @@ class Motion:
             return "lower motion.drag, or raise time.fps"
         return (
             "lower structure.membrane_stiffness (explicit motion wants 2 to 20 N/m) or bending_stiffness, "
-            "raise time.fps or solver.maximum_substeps, or take motion.method = 'implicit'"
+            "raise time.fps or solver.maximum_substeps" + self._other_method
         )
 
 
