@@ -18,7 +18,7 @@ from typing import Any
 
 import warp as wp
 
-from leafwarp_kernels.lanes import LANES
+from leafwarp_kernels.lanes import LANES, lane_cross, lane_dot, lane_scaled
 
 
 @wp.func
@@ -106,6 +106,33 @@ def lane_angle_between(sine: Any, cosine: Any):
         if not (cosine[lane] > type(sine[lane])(8.0) * wp.abs(sine[lane])):
             angle[lane] = wp.atan2(sine[lane], cosine[lane])
     return angle
+
+
+@wp.func
+def lane_dihedral(
+    edge_x: Any, edge_y: Any, edge_z: Any, cx: Any, cy: Any, cz: Any, dx: Any, dy: Any, dz: Any, length: Any
+):
+    """:func:`dihedral` in each lane, from the edge, its length, and the ways from a to c and d."""
+    one = type(length)(type(length[0])(1.0))
+    tiny = type(length)(type(length[0])(1.0e-30))
+    normal_cx, normal_cy, normal_cz = lane_cross(edge_x, edge_y, edge_z, cx, cy, cz)
+    normal_dx, normal_dy, normal_dz = lane_cross(dx, dy, dz, edge_x, edge_y, edge_z)
+    square = wp.cw_mul(length, length)
+    square_c = lane_dot(normal_cx, normal_cy, normal_cz, normal_cx, normal_cy, normal_cz)
+    square_d = lane_dot(normal_dx, normal_dy, normal_dz, normal_dx, normal_dy, normal_dz)
+    sine = wp.cw_mul(length, lane_dot(cx, cy, cz, normal_dx, normal_dy, normal_dz))
+    angle = lane_angle_between(sine, lane_dot(normal_cx, normal_cy, normal_cz, normal_dx, normal_dy, normal_dz))
+    floor = wp.cw_mul(square, square) * type(length[0])(1.0e-4) + tiny
+    inverse_c = wp.cw_div(one, wp.max(square_c, floor))
+    inverse_d = wp.cw_div(one, wp.max(square_d, floor))
+    scale_c = wp.cw_mul(wp.cw_mul(length, inverse_c), wp.cw_mul(square_d, inverse_d))
+    scale_d = wp.cw_mul(wp.cw_mul(length, inverse_d), wp.cw_mul(square_c, inverse_c))
+    inverse_square = wp.cw_div(one, wp.max(square, tiny))
+    foot_c = wp.cw_mul(lane_dot(cx, cy, cz, edge_x, edge_y, edge_z), inverse_square)
+    foot_d = wp.cw_mul(lane_dot(dx, dy, dz, edge_x, edge_y, edge_z), inverse_square)
+    normal_cx, normal_cy, normal_cz = lane_scaled(scale_c, normal_cx, normal_cy, normal_cz)
+    normal_dx, normal_dy, normal_dz = lane_scaled(scale_d, normal_dx, normal_dy, normal_dz)
+    return angle, normal_cx, normal_cy, normal_cz, normal_dx, normal_dy, normal_dz, foot_c, foot_d
 
 
 @wp.func

@@ -42,3 +42,20 @@ def lane_cross(ax: Any, ay: Any, az: Any, bx: Any, by: Any, bz: Any):
     y = wp.cw_mul(az, bx) - wp.cw_mul(ax, bz)
     z = wp.cw_mul(ax, by) - wp.cw_mul(ay, bx)
     return x, y, z
+
+
+@wp.func
+def lane_scaled(factor: Any, x: Any, y: Any, z: Any):
+    """A 3-vector times a factor in each lane."""
+    return wp.cw_mul(factor, x), wp.cw_mul(factor, y), wp.cw_mul(factor, z)
+
+
+@wp.func
+def lane_gather(values: Any, places: wp.array2d[wp.int32], block: wp.int32, like: Any):
+    """The numbers at a block's places, 0 where a place is -1; ``like`` is a lane vector, for its type."""
+    found = type(like)()
+    for lane in range(LANES):
+        place = places[block, lane]
+        if place >= 0:
+            found[lane] = values[place]
+    return found

@@ -13,8 +13,15 @@ from typing import Any
 
 import warp as wp
 
-from leafwarp_kernels.dihedral import lane_angle_between, lane_continued, lane_reachable
-from leafwarp_kernels.lanes import LANES, Lanes, lane_cross, lane_dot, lane_sqrt
+from leafwarp_kernels.dihedral import lane_continued, lane_dihedral, lane_reachable
+from leafwarp_kernels.lanes import (
+    LANES,
+    Lanes,
+    lane_dot,
+    lane_gather,
+    lane_scaled,
+    lane_sqrt,
+)
 
 wp.set_module_options({"enable_backward": False})
 
@@ -35,6 +42,49 @@ def edge_pull(length: Any, approach: Any, rest_length: Any, stiffness: Any, dela
     strain_rate = wp.cw_mul(wp.cw_mul(approach, inverse), inverse)
     strain = one - wp.cw_mul(rest_length, inverse)
     return wp.cw_mul(stiffness, strain + strain_rate * delay)
+
+
+@wp.func
+def edge_ways(values: Any, corners: wp.array3d[wp.int32], block: wp.int32, like: Any):
+    """From a to b of each edge of a block, x, y and z; of positions, or velocities. ``like`` is a lane vector."""
+    x = type(like)()
+    y = type(like)()
+    z = type(like)()
+    for lane in range(LANES):
+        way = values[corners[block, 1, lane]] - values[corners[block, 0, lane]]
+        x[lane] = way[0]
+        y[lane] = way[1]
+        z[lane] = way[2]
+    return x, y, z
+
+
+@wp.func
+def hinge_ways(values: Any, corners: wp.array3d[wp.int32], block: wp.int32, like: Any):
+    """From a to b, to c and to d of each hinge of a block, as :func:`edge_ways`."""
+    bx = type(like)()
+    by = type(like)()
+    bz = type(like)()
+    cx = type(like)()
+    cy = type(like)()
+    cz = type(like)()
+    dx = type(like)()
+    dy = type(like)()
+    dz = type(like)()
+    for lane in range(LANES):
+        origin = values[corners[block, 0, lane]]
+        way = values[corners[block, 1, lane]] - origin
+        bx[lane] = way[0]
+        by[lane] = way[1]
+        bz[lane] = way[2]
+        way = values[corners[block, 2, lane]] - origin
+        cx[lane] = way[0]
+        cy[lane] = way[1]
+        cz[lane] = way[2]
+        way = values[corners[block, 3, lane]] - origin
+        dx[lane] = way[0]
+        dy[lane] = way[1]
+        dz[lane] = way[2]
+    return bx, by, bz, cx, cy, cz, dx, dy, dz
 
 
 @wp.kernel
@@ -63,35 +113,15 @@ def edge_forces(
         spring_force_out: x, y and z of the forces on a and b [N], shape [block, 6].
     """
     block = wp.tid()
-    x = spring_force_out.dtype()
-    y = spring_force_out.dtype()
-    z = spring_force_out.dtype()
-    speed_x = spring_force_out.dtype()
-    speed_y = spring_force_out.dtype()
-    speed_z = spring_force_out.dtype()
-    rest_length = spring_force_out.dtype()
-    stiffness = spring_force_out.dtype()
-    for lane in range(LANES):
-        a = corners[block, 0, lane]
-        b = corners[block, 1, lane]
-        way = position[b] - position[a]
-        x[lane] = way[0]
-        y[lane] = way[1]
-        z[lane] = way[2]
-        speed = velocity[b] - velocity[a]
-        speed_x[lane] = speed[0]
-        speed_y[lane] = speed[1]
-        speed_z[lane] = speed[2]
-        edge = edges[block, lane]
-        if edge >= 0:
-            rest_length[lane] = edge_rest_length[edge]
-            stiffness[lane] = edge_stiffness[edge]
+    like = spring_force_out.dtype()
+    x, y, z = edge_ways(position, corners, block, like)
+    speed_x, speed_y, speed_z = edge_ways(velocity, corners, block, like)
+    rest_length = lane_gather(edge_rest_length, edges, block, like)
+    stiffness = lane_gather(edge_stiffness, edges, block, like)
     length = lane_sqrt(lane_dot(x, y, z, x, y, z))
     approach = lane_dot(speed_x, speed_y, speed_z, x, y, z)
     pull = edge_pull(length, approach, rest_length, stiffness, damping_time[0])
-    x = wp.cw_mul(pull, x)
-    y = wp.cw_mul(pull, y)
-    z = wp.cw_mul(pull, z)
+    x, y, z = lane_scaled(pull, x, y, z)
     spring_force_out[block, 0] = x
     spring_force_out[block, 1] = y
     spring_force_out[block, 2] = z
@@ -133,105 +163,30 @@ def edge_and_hinge_forces(
         spring_force_out: x, y and z of the forces on a, b, c and d [N], shape [block, 12].
     """
     block = wp.tid()
-    edge_x = spring_force_out.dtype()
-    edge_y = spring_force_out.dtype()
-    edge_z = spring_force_out.dtype()
-    side_cx = spring_force_out.dtype()
-    side_cy = spring_force_out.dtype()
-    side_cz = spring_force_out.dtype()
-    side_dx = spring_force_out.dtype()
-    side_dy = spring_force_out.dtype()
-    side_dz = spring_force_out.dtype()
-    slope_x = spring_force_out.dtype()
-    slope_y = spring_force_out.dtype()
-    slope_z = spring_force_out.dtype()
-    speed_cx = spring_force_out.dtype()
-    speed_cy = spring_force_out.dtype()
-    speed_cz = spring_force_out.dtype()
-    speed_dx = spring_force_out.dtype()
-    speed_dy = spring_force_out.dtype()
-    speed_dz = spring_force_out.dtype()
-    rest_length = spring_force_out.dtype()
-    edge_strength = spring_force_out.dtype()
-    for lane in range(LANES):
-        a = corners[block, 0, lane]
-        b = corners[block, 1, lane]
-        c = corners[block, 2, lane]
-        d = corners[block, 3, lane]
-        origin = position[a]
-        way = position[b] - origin
-        edge_x[lane] = way[0]
-        edge_y[lane] = way[1]
-        edge_z[lane] = way[2]
-        way = position[c] - origin
-        side_cx[lane] = way[0]
-        side_cy[lane] = way[1]
-        side_cz[lane] = way[2]
-        way = position[d] - origin
-        side_dx[lane] = way[0]
-        side_dy[lane] = way[1]
-        side_dz[lane] = way[2]
-        base = velocity[a]
-        speed = velocity[b] - base
-        slope_x[lane] = speed[0]
-        slope_y[lane] = speed[1]
-        slope_z[lane] = speed[2]
-        speed = velocity[c] - base
-        speed_cx[lane] = speed[0]
-        speed_cy[lane] = speed[1]
-        speed_cz[lane] = speed[2]
-        speed = velocity[d] - base
-        speed_dx[lane] = speed[0]
-        speed_dy[lane] = speed[1]
-        speed_dz[lane] = speed[2]
-        edge = edges[block, lane]
-        if edge >= 0:
-            rest_length[lane] = edge_rest_length[edge]
-            edge_strength[lane] = edge_stiffness[edge]
-
-    # As in dihedral(), lane by lane.
+    like = spring_force_out.dtype()
     delay = damping_time[0]
-    one = spring_force_out.dtype(type(delay)(1.0))
-    tiny = spring_force_out.dtype(type(delay)(1.0e-30))
-    cx, cy, cz = lane_cross(edge_x, edge_y, edge_z, side_cx, side_cy, side_cz)
-    dx, dy, dz = lane_cross(side_dx, side_dy, side_dz, edge_x, edge_y, edge_z)
-    square = lane_dot(edge_x, edge_y, edge_z, edge_x, edge_y, edge_z)
-    square_c = lane_dot(cx, cy, cz, cx, cy, cz)
-    square_d = lane_dot(dx, dy, dz, dx, dy, dz)
-    length = lane_sqrt(square)
-    sine = wp.cw_mul(length, lane_dot(side_cx, side_cy, side_cz, dx, dy, dz))
-    angle = lane_angle_between(sine, lane_dot(cx, cy, cz, dx, dy, dz))
+    edge_x, edge_y, edge_z, cx, cy, cz, dx, dy, dz = hinge_ways(position, corners, block, like)
+    slope_x, slope_y, slope_z, lift_cx, lift_cy, lift_cz, lift_dx, lift_dy, lift_dz = hinge_ways(
+        velocity, corners, block, like
+    )
+    length = lane_sqrt(lane_dot(edge_x, edge_y, edge_z, edge_x, edge_y, edge_z))
+    approach = lane_dot(slope_x, slope_y, slope_z, edge_x, edge_y, edge_z)
+    rest_length = lane_gather(edge_rest_length, edges, block, like)
+    stiffness = lane_gather(edge_stiffness, edges, block, like)
+    pull = edge_pull(length, approach, rest_length, stiffness, delay)
+
+    angle, cx, cy, cz, dx, dy, dz, foot_c, foot_d = lane_dihedral(
+        edge_x, edge_y, edge_z, cx, cy, cz, dx, dy, dz, length
+    )
     angle = lane_continued(angle, hinge_angle[block])
     hinge_angle[block] = angle
-    floor = wp.cw_mul(square, square) * type(delay)(1.0e-4) + tiny
-    inverse_c = wp.cw_div(one, wp.max(square_c, floor))
-    inverse_d = wp.cw_div(one, wp.max(square_d, floor))
-    scale_c = wp.cw_mul(wp.cw_mul(length, inverse_c), wp.cw_mul(square_d, inverse_d))
-    scale_d = wp.cw_mul(wp.cw_mul(length, inverse_d), wp.cw_mul(square_c, inverse_c))
-    inverse_square = wp.cw_div(one, wp.max(square, tiny))
-    foot_c = wp.cw_mul(lane_dot(side_cx, side_cy, side_cz, edge_x, edge_y, edge_z), inverse_square)
-    foot_d = wp.cw_mul(lane_dot(side_dx, side_dy, side_dz, edge_x, edge_y, edge_z), inverse_square)
-
-    speed_cx = speed_cx - wp.cw_mul(foot_c, slope_x)
-    speed_cy = speed_cy - wp.cw_mul(foot_c, slope_y)
-    speed_cz = speed_cz - wp.cw_mul(foot_c, slope_z)
-    speed_dx = speed_dx - wp.cw_mul(foot_d, slope_x)
-    speed_dy = speed_dy - wp.cw_mul(foot_d, slope_y)
-    speed_dz = speed_dz - wp.cw_mul(foot_d, slope_z)
-    rate = wp.cw_mul(scale_c, lane_dot(cx, cy, cz, speed_cx, speed_cy, speed_cz))
-    rate += wp.cw_mul(scale_d, lane_dot(dx, dy, dz, speed_dx, speed_dy, speed_dz))
+    rate = lane_dot(cx, cy, cz, lift_cx, lift_cy, lift_cz) + lane_dot(dx, dy, dz, lift_dx, lift_dy, lift_dz)
+    rate -= wp.cw_mul(foot_c, lane_dot(cx, cy, cz, slope_x, slope_y, slope_z))
+    rate -= wp.cw_mul(foot_d, lane_dot(dx, dy, dz, slope_x, slope_y, slope_z))
     turn = angle - lane_reachable(hinge_rest_angle[block]) + rate * delay
     moment = -wp.cw_mul(hinge_stiffness[block], turn)
-    scale_c = wp.cw_mul(moment, scale_c)
-    scale_d = wp.cw_mul(moment, scale_d)
-    cx = wp.cw_mul(scale_c, cx)
-    cy = wp.cw_mul(scale_c, cy)
-    cz = wp.cw_mul(scale_c, cz)
-    dx = wp.cw_mul(scale_d, dx)
-    dy = wp.cw_mul(scale_d, dy)
-    dz = wp.cw_mul(scale_d, dz)
-    approach = lane_dot(slope_x, slope_y, slope_z, edge_x, edge_y, edge_z)
-    pull = edge_pull(length, approach, rest_length, edge_strength, delay)
+    cx, cy, cz = lane_scaled(moment, cx, cy, cz)
+    dx, dy, dz = lane_scaled(moment, dx, dy, dz)
     bx = -(wp.cw_mul(foot_c, cx) + wp.cw_mul(foot_d, dx) + wp.cw_mul(pull, edge_x))
     by = -(wp.cw_mul(foot_c, cy) + wp.cw_mul(foot_d, dy) + wp.cw_mul(pull, edge_y))
     bz = -(wp.cw_mul(foot_c, cz) + wp.cw_mul(foot_d, dz) + wp.cw_mul(pull, edge_z))
