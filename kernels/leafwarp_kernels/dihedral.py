@@ -45,17 +45,22 @@ def angle_between(sine: Any, cosine: Any):
 
 
 @wp.func
+def sides_and_normals(a: Any, b: Any, c: Any, d: Any):
+    """``e``, ``c - a`` and ``d - a``, and the area normals ``n1`` and ``n2``."""
+    edge = b - a
+    side_c = c - a
+    side_d = d - a
+    return edge, side_c, side_d, wp.cross(edge, side_c), wp.cross(side_d, edge)
+
+
+@wp.func
 def dihedral(a: Any, b: Any, c: Any, d: Any):
     """Angle, gradients at ``c`` and ``d``, and the feet of ``c`` and ``d`` on the edge as shares from ``a``.
 
     As a triangle collapses onto the edge its gradient grows without bound. Below a height of 1 % of the edge
     both gradients fade to zero instead, by the same factor, so that momentum is still conserved.
     """
-    edge = b - a
-    side_c = c - a
-    side_d = d - a
-    normal_c = wp.cross(edge, side_c)
-    normal_d = wp.cross(side_d, edge)
+    edge, side_c, side_d, normal_c, normal_d = sides_and_normals(a, b, c, d)
     square = wp.dot(edge, edge)
     square_c = wp.dot(normal_c, normal_c)
     square_d = wp.dot(normal_d, normal_d)

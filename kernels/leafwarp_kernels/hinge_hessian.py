@@ -28,6 +28,7 @@ where ``X U X = V``, so ``X`` is the geometric mean of ``U^-1`` and ``V``.
 
 import warp as wp
 
+from leafwarp_kernels.dihedral import sides_and_normals
 from leafwarp_kernels.hinge_potential import COLLAPSED
 
 wp.set_module_options({"enable_backward": False})
@@ -134,11 +135,9 @@ def side_of(
 @wp.func
 def sides_of(a: wp.vec3d, b: wp.vec3d, c: wp.vec3d, d: wp.vec3d, moment: wp.float64, convex: wp.bool):
     """The two sides of a hinge."""
-    edge = b - a
-    normal_c = wp.cross(edge, c - a)
-    normal_d = wp.cross(d - a, edge)
-    first = side_of(edge, c - a, normal_c, moment, convex)
-    second = side_of(edge, d - a, normal_d, moment, convex)
+    edge, side_c, side_d, normal_c, normal_d = sides_and_normals(a, b, c, d)
+    first = side_of(edge, side_c, normal_c, moment, convex)
+    second = side_of(edge, side_d, normal_d, moment, convex)
     return first, second
 
 
@@ -190,12 +189,7 @@ def hinge_products(
     m = hinge_vertices[hinge, 3]
     strength = hinge_strength[hinge]
     moment = strength * (hinge_base_angle[hinge] - hinge_target_angle[hinge])
-    a = position[i]
-    edge = position[j] - a
-    side_c = position[k] - a
-    side_d = position[m] - a
-    normal_c = wp.cross(edge, side_c)
-    normal_d = wp.cross(side_d, edge)
+    edge, side_c, side_d, normal_c, normal_d = sides_and_normals(position[i], position[j], position[k], position[m])
     length = wp.max(wp.length(edge), wp.float64(1.0e-15))
     along = edge / length
     floor = COLLAPSED * length * length

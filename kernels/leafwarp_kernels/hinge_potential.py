@@ -9,7 +9,7 @@ gradient, and only those of a triangle without any height are limited.
 
 import warp as wp
 
-from leafwarp_kernels.dihedral import angle_between, continued
+from leafwarp_kernels.dihedral import angle_between, continued, sides_and_normals
 
 wp.set_module_options({"enable_backward": False})
 
@@ -34,15 +34,12 @@ def hinge_potential(
 ):
     """Each hinge's angle, continued from the one that it has, and the gradient of its energy at its vertices."""
     hinge = wp.tid()
-    a = position[hinge_vertices[hinge, 0]]
-    b = position[hinge_vertices[hinge, 1]]
-    c = position[hinge_vertices[hinge, 2]]
-    d = position[hinge_vertices[hinge, 3]]
-    edge = b - a
-    side_c = c - a
-    side_d = d - a
-    normal_c = wp.cross(edge, side_c)
-    normal_d = wp.cross(side_d, edge)
+    edge, side_c, side_d, normal_c, normal_d = sides_and_normals(
+        position[hinge_vertices[hinge, 0]],
+        position[hinge_vertices[hinge, 1]],
+        position[hinge_vertices[hinge, 2]],
+        position[hinge_vertices[hinge, 3]],
+    )
     square = wp.max(wp.dot(edge, edge), wp.float64(1.0e-30))
     length = wp.sqrt(square)
     angle = angle_between(length * wp.dot(side_c, normal_d), wp.dot(normal_c, normal_d))

@@ -47,6 +47,15 @@ def mean_of_lanes(a: Any, b: Any, weight: Any):
     return wp.min(wp.max(a + wp.cw_mul(weight, b - a), wp.min(a, b)), wp.max(a, b))
 
 
+@wp.func
+def content_of(right_side: wp.array2d[wp.Float], diagonal: wp.array3d[wp.Float], line: wp.int32, cell: wp.int32):
+    """The ``f_i`` of a cell; where a diagonal is given, the right side holds ``e_i f_i``."""
+    content = right_side[line, cell]
+    if diagonal:
+        content = content / diagonal[line / LANES, cell, line % LANES]
+    return content
+
+
 @wp.kernel
 def eliminate_lines(
     # inputs:
@@ -116,16 +125,10 @@ def solve_lines(
     lane = line % LANES
     first = span[line, 0]
     end = span[line, 1]
-    if first == end:
-        return
-    content = right_side[line, first]
-    if diagonal:
-        content = content / diagonal[block, first, lane]
+    content = right_side.dtype(0.0)
     for cell in range(first, end):
-        old = right_side[line, cell]
-        if diagonal:
-            old = old / diagonal[block, cell, lane]
-        content = mean_of(old, content, forward_weight[block, cell, lane])
+        # The first weight is 0.
+        content = mean_of(content_of(right_side, diagonal, line, cell), content, forward_weight[block, cell, lane])
         solution_out[line, cell] = content
     for back in range(end - first):
         cell = end - 1 - back
@@ -158,15 +161,12 @@ def solve_adjacent_lines(
     block = wp.tid()
     first = span[block, 0]
     end = span[block, 1]
-    if first == end:
-        return
-    content = right_side[block, first]
-    if diagonal:
-        content = wp.cw_div(content, diagonal[block, first])
+    content = forward_weight.dtype()
     for cell in range(first, end):
         old = right_side[block, cell]
         if diagonal:
             old = wp.cw_div(old, diagonal[block, cell])
+        # The first weight is 0.
         content = mean_of_lanes(old, content, forward_weight[block, cell])
         solution_out[block, cell] = content
     for back in range(end - first):
@@ -201,8 +201,6 @@ def solve_distant_lines(
     block = wp.tid()
     first = span[block, 0]
     end = span[block, 1]
-    if first == end:
-        return
     line = block * LANES
     room = block % swept_out.shape[0]
     content = forward_weight.dtype()

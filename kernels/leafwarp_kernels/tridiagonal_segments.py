@@ -19,7 +19,7 @@ from typing import Any
 import warp as wp
 
 from leafwarp_kernels.lanes import LANES, SEGMENT
-from leafwarp_kernels.tridiagonal import mean_of
+from leafwarp_kernels.tridiagonal import content_of, mean_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -97,16 +97,12 @@ def guess_forward(
     end = wp.min(span[line, 1], (segment + 1) * SEGMENT)
     guess = right_side.dtype(0.0)
     if first < end:
-        guess = right_side[line, first]
-        if diagonal:
-            guess = guess / diagonal[block, first, lane]
+        guess = content_of(right_side, diagonal, line, first)
     content = guess
     low = guess
     high = guess
     for cell in range(first, end):
-        old = right_side[line, cell]
-        if diagonal:
-            old = old / diagonal[block, cell, lane]
+        old = content_of(right_side, diagonal, line, cell)
         low = wp.min(low, old)
         high = wp.max(high, old)
         content = mean_of(old, content, forward_weight[block, cell, lane])
@@ -152,10 +148,7 @@ def sweep_forward(
     for before in range(segment):
         content = carry(content, forward_product[before, line], before, line, forward)
     for cell in range(first, end):
-        old = right_side[line, cell]
-        if diagonal:
-            old = old / diagonal[block, cell, lane]
-        content = mean_of(old, content, forward_weight[block, cell, lane])
+        content = mean_of(content_of(right_side, diagonal, line, cell), content, forward_weight[block, cell, lane])
         swept_out[line, cell] = content
     guess = right_side.dtype(0.0)
     if first < end:
