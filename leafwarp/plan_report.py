@@ -31,11 +31,12 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
     parts = simulation.couplings_per_frame
     substeps = parts * simulation.motion.required_substeps(1.0 / (scene.time.fps * parts))
     intervals = max(scene.time.frames - 1, 1)
+    tellings = parts + len(simulation.path_times) / intervals
     fluid_steps = simulation.fluid.steps.count if simulation.fluid is not None and scene.time.frames > 1 else 0
     runs = {
         "start": 0.0,
         "fluid step": fluid_steps / intervals,
-        "frame": max(float(parts), fluid_steps / intervals) if scene.keeps_a_set else float(parts),
+        "frame": max(tellings, fluid_steps / intervals) if scene.keeps_a_set else tellings,
         "substep": float(substeps),
         "output": 1.0,
     }
@@ -51,6 +52,7 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
         "substeps_per_frame": substeps,
         "substep_seconds": 1.0 / (scene.time.fps * substeps),
         "motion": scene.motion.method,
+        "path_equilibria": len(simulation.path_times),
         "only_explicit": scene.leaves is not None or scene.structure.bending == "paper",
         "warnings": list(scene.warnings),
         "bytes": plan.byte_count,
@@ -92,6 +94,8 @@ def print_plan(report: dict[str, Any]) -> None:
             f"the split scheme throttles diagonal veins where beta is above about {SPLIT_BETA:g}: here it reaches "
             f"{beta:.3g}; a shorter fluid.step or fluid.scheme = 'unsplit' helps, and tradeoff measures how much"
         )
+    if report["path_equilibria"]:
+        print(f"equilibria at {report['path_equilibria']} moments, whatever the frames are, and at each frame")
     if report["motion"] == "explicit" and not report["only_explicit"] and report["substeps_per_frame"] > MANY_SUBSTEPS:
         print("explicit motion wants a soft membrane: motion.method = 'implicit' takes a real leaf's in a step a frame")
     print(f"\n{'stage':<18} {'runs once a':<11} {'launches/frame':>14} {'kB':>8}  what it does")

@@ -1,4 +1,4 @@
-"""How often the structure has to be told of the water within a frame."""
+"""When the structure has to be told of the water, beside at the frames."""
 
 from __future__ import annotations
 
@@ -9,6 +9,8 @@ from leafwarp.scene import Scene
 
 # Change of the rest lengths at a time. As a shock, several times as much folds soft triangles over.
 MOST_STRAIN = 0.005
+# Equilibria on the path of a leaf without inertia.
+PATH_LENGTH = 24
 
 
 def couplings_per_frame(scene: Scene) -> int:
@@ -26,6 +28,16 @@ def couplings_per_frame(scene: Scene) -> int:
     lost = min(1.0, _speed(scene) * scene.time.duration / (frames - 1))
     values = [value for _, value in curve]
     return max(1, math.ceil(min(slope * lost, most * (max(values) - min(values))) / MOST_STRAIN))
+
+
+def path_times(scene: Scene) -> tuple[float, ...]:
+    """Moments of plant time [s] at which a leaf without inertia is in equilibrium, whatever the frames are.
+
+    They make up the path on which it passes buckles.
+    """
+    if scene.motion.method != "quasistatic" or scene.time.frames == 1:
+        return ()
+    return tuple(scene.time.duration * index / PATH_LENGTH for index in range(1, PATH_LENGTH + 1))
 
 
 def _speed(scene: Scene) -> float:

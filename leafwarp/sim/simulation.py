@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import warp as wp
@@ -12,7 +13,7 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.launch import State
 from leafwarp.sim.motion import make_motion
-from leafwarp.sim.pace import couplings_per_frame
+from leafwarp.sim.pace import couplings_per_frame, path_times
 from leafwarp.sim.plan import Plan, make_plan
 from leafwarp.sim.settled import Settled
 from leafwarp.sim.stage import Interval, Stage, bind_stage
@@ -20,6 +21,10 @@ from leafwarp.stopwatch import Stopwatch
 
 if TYPE_CHECKING:
     from leafwarp.sim.fluid import Fluid
+
+
+# Of a moment of plant time, over the duration.
+ROUNDING = 1e-9
 
 
 class Simulation:
@@ -37,6 +42,7 @@ class Simulation:
         plan: The stages.
         state: Their arrays.
         couplings_per_frame: How often the water is handed to the structure within a frame.
+        path_times: Moments of plant time [s] at which a leaf without inertia is in equilibrium, whatever its frames.
         watch: Wall time spent in each stage so far; the stages of a substep, which run in one graph, are "motion".
         substeps: Motion substeps of every frame so far.
         settled: How well the leaf came to rest before the first frame; None where it was not asked to.
@@ -46,6 +52,7 @@ class Simulation:
         self.scene = scene
         self.leaf = leaf
         self.couplings_per_frame = couplings_per_frame(scene)
+        self.path_times = path_times(scene)
         self.substeps: list[int] = []
         self.settled: Settled | None = None
         self.plan: Plan = make_plan(scene, leaf)
@@ -104,17 +111,26 @@ class Simulation:
         """
         begin, end = self.plant_time(frame - 1), self.plant_time(frame)
         parts = self.couplings_per_frame
-        moments = [begin + (end - begin) * part / parts for part in range(parts)] + [end]
+        ends = [begin + (end - begin) * part / parts for part in range(1, parts)] + [end]
+        path = self._path_between(begin, end)
         substeps = 0
-        for interval in map(Interval, moments, moments[1:]):
+        for interval in (Interval(*span) for span in pairwise(sorted({begin, *ends, *path}))):
             looks = [interval.start, *self._turning_points(interval), interval.end]
-            for part in map(Interval, looks, looks[1:]):
+            for part in (Interval(*span) for span in pairwise(looks)):
                 if self.fluid is not None:
                     self.fluid.advance(part.end, frame)
                 self._couple(part)
             with self.watch("motion"):
-                substeps += self.motion.advance(1.0 / (self.scene.time.fps * parts), frame)
+                if interval.end in path:
+                    substeps += self.motion.follow(frame)
+                if interval.end in ends:
+                    substeps += self.motion.advance(1.0 / (self.scene.time.fps * parts), frame)
         self.substeps.append(substeps)
+
+    def _path_between(self, begin: float, end: float) -> set[float]:
+        """The moments of the path in a frame [s]; one that is the frame's end but for rounding is that."""
+        rounding = ROUNDING * self.scene.time.duration
+        return {min(time, end) for time in self.path_times if begin + rounding < time <= end + rounding}
 
     def _turning_points(self, interval: Interval) -> list[float]:
         """Moments within a span of plant time [s] at which the water may be driest, where the leaf keeps a set of it.

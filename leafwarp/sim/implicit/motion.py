@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
+from collections.abc import Iterable
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -11,7 +13,7 @@ from leafwarp.errors import SimulationError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.implicit import NotConverged
-from leafwarp.sim.implicit.newton import Accuracy, Newton
+from leafwarp.sim.implicit.newton import Accuracy, Memory, Newton
 from leafwarp.sim.implicit.relaxation import keeps_from_turning, relax
 from leafwarp.sim.implicit.stages import REST_STATE, ImplicitMotion, PotentialMotion
 from leafwarp.sim.implicit.threads import one_thread
@@ -50,6 +52,8 @@ class NewtonMotion(ABC):
 
     unbalanced_torque = None
     remedy: ClassVar[str]
+    # The one at hand, and the one that a frame began with.
+    factors_kept: ClassVar[int] = 2
 
     def __init__(self, scene: Scene, leaf: Leaf, state: State, stage: PotentialMotion):
         self._scene, self._leaf, self._state, self._stage = scene, leaf, state, stage
@@ -62,7 +66,7 @@ class NewtonMotion(ABC):
         """Begin anew from the pins, stiffness and masses of the moment."""
         self._pinned = self._state["pinned"].numpy().copy()
         self.newton = Newton(self._stage.potential, self._pinned, self._leaf.length)
-        self._stage.factor_bytes = self.newton.byte_count
+        self._note_memory()
 
     def required_substeps(self, frame_duration: float) -> int:
         """Steps that a frame is begun with: one."""
@@ -82,8 +86,7 @@ class NewtonMotion(ABC):
             SimulationError: It does not converge, not even in the smallest steps, or the membrane does not hold. The
                 state is that of the frame's start.
         """
-        names = ("position", "velocity", *(("hinge_angle",) if self._stage.hinged else ()))
-        saved = {name: self._state[name].numpy().copy() for name in names}
+        saved = self._copies((*self._shape, "velocity"))
         memory = self.newton.memory()
         most = max(MOST_STRETCH, self._largest_stretch())
         try:
@@ -96,8 +99,7 @@ class NewtonMotion(ABC):
             if fault is None:
                 self.largest_substeps = max(self.largest_substeps, steps)
                 return steps
-        for name, values in saved.items():
-            self._state.upload(name, values)
+        self._upload(saved)
         self.newton.recall(memory)
         raise SimulationError(frame, self._stage.name, fault)
 
@@ -143,8 +145,20 @@ class NewtonMotion(ABC):
         lengths = np.linalg.norm(ends[:, 1] - ends[:, 0], axis=1)
         return float(np.max(lengths / self._state["edge_rest_length"].numpy(), initial=0.0))
 
+    @property
+    def _shape(self) -> tuple[str, ...]:
+        return ("position", "hinge_angle") if self._stage.hinged else ("position",)
+
     def _positions(self) -> np.ndarray:
         return self._state["position"].numpy().copy()
+
+    def _copies(self, names: Iterable[str]) -> dict[str, np.ndarray]:
+        """Copies of those arrays that the state has."""
+        return {name: self._state[name].numpy().copy() for name in names if name in self._state}
+
+    def _upload(self, values: dict[str, np.ndarray]) -> None:
+        for name, array in values.items():
+            self._state.upload(name, array)
 
     def _rest(self):
         """Go to the equilibrium under the rest state of the moment."""
@@ -175,7 +189,10 @@ class NewtonMotion(ABC):
     def _finish(self) -> None:
         self._stage.potential.keep_angles()
         self._stage.arrive()
-        self._stage.factor_bytes = self.newton.byte_count
+        self._note_memory()
+
+    def _note_memory(self) -> None:
+        self._stage.factor_bytes = self.factors_kept * self.newton.byte_count
 
     def _set_times(self, step: float, damping_time: float) -> None:
         self._state.upload("time_step", np.array([step]))
@@ -221,9 +238,30 @@ class ImplicitEuler(NewtonMotion):
         return steps
 
 
-class Quasistatic(NewtonMotion):
-    """The equilibrium of every frame; where it is not found, the rest state is approached in parts."""
+@dataclass(frozen=True)
+class _Place:
+    """An equilibrium, and all that the way on from it depends on.
 
+    Attributes:
+        shape: Positions [m] and, with hinges, their angles [rad].
+        rest_state: What it is the equilibrium of.
+        memory: Of Newton's method.
+    """
+
+    shape: dict[str, np.ndarray]
+    rest_state: dict[str, np.ndarray]
+    memory: Memory
+
+
+class Quasistatic(NewtonMotion):
+    """The equilibrium of every frame; where it is not found, the rest state is approached in parts.
+
+    A leaf that buckles has several equilibria, and which one it is in depends on those before. Hence it follows a path
+    of its own through moments of plant time that do not depend on the frames (:meth:`follow`). A frame goes off the
+    path from the last of these moments, and the path does not return from it.
+    """
+
+    factors_kept = 3
     remedy = (
         "raise time.frames, so that less changes in a frame, lower the load or the curl, or let inertia carry the "
         "leaf: motion.method = 'implicit'"
@@ -232,20 +270,61 @@ class Quasistatic(NewtonMotion):
     def start(self) -> None:
         """Begin anew from the rest state of the moment."""
         super().start()
-        self._rest_state = self._present_rest_state()
+        self._rest_state = self._copies(REST_STATE)
+        self._path = self._place()
+        self._shown = self._positions()
 
-    def _present_rest_state(self) -> dict[str, np.ndarray]:
-        return {name: self._state[name].numpy().copy() for name in REST_STATE if name in self._state}
+    def settle(self) -> Settled:
+        """As of every motion; the path begins there."""
+        settled = super().settle()
+        self._rest_state = self._copies(REST_STATE)
+        self._path = self._place()
+        self._shown = self._positions()
+        return settled
+
+    def follow(self, frame: int) -> int:
+        """Go on along the path, to the equilibrium under the rest state of the moment.
+
+        Args:
+            frame: Number of the frame under way, for messages.
+
+        Returns:
+            The steps that it took.
+
+        Raises:
+            SimulationError: There is no equilibrium that it can come to. The state is the one before.
+        """
+        before = self._place()
+        self._go_back(self._path)
+        try:
+            steps = self._approach(frame)
+        except SimulationError:
+            self._go_back(before)
+            raise
+        self._path = self._place()
+        return steps
+
+    def advance(self, frame_duration: float, frame: int) -> int:
+        """As of every motion; the velocity is the mean one since the frame before."""
+        steps = self._approach(frame)
+        positions = self._positions()
+        self._state.upload("velocity", (positions - self._shown) / frame_duration)
+        self._shown = positions
+        return steps
+
+    def _approach(self, frame: int) -> int:
+        steps = super().advance(0.0, frame)
+        self._rest_state = self._copies(REST_STATE)
+        return steps
 
     def _advance(self, duration: float) -> int:
-        before, after, start = self._rest_state, self._present_rest_state(), self._positions()
+        before, after = self._rest_state, self._copies(REST_STATE)
         steps, done, size = 0, 0.0, 1.0
         try:
             while done < 1.0:
                 part = done + size
                 if part < 1.0 or steps > 0:
-                    for name, values in after.items():
-                        self._state.upload(name, before[name] + part * (values - before[name]))
+                    self._upload({name: start + part * (after[name] - start) for name, start in before.items()})
                 try:
                     self._rest()
                 except NotConverged:
@@ -258,16 +337,16 @@ class Quasistatic(NewtonMotion):
                 steps += 1
                 self.substeps += 1
         finally:
-            for name, values in after.items():
-                self._state.upload(name, values)
-        self._state.upload("velocity", (self._positions() - start) / duration)
+            self._upload(after)
         return steps
 
-    def advance(self, frame_duration: float, frame: int) -> int:
-        """As of every motion; the rest state that was reached is where the next frame's parts begin."""
-        steps = super().advance(frame_duration, frame)
-        self._rest_state = self._present_rest_state()
-        return steps
+    def _place(self) -> _Place:
+        return _Place(self._copies(self._shape), self._rest_state, self.newton.memory())
+
+    def _go_back(self, place: _Place) -> None:
+        self._upload(place.shape)
+        self._rest_state = place.rest_state
+        self.newton.recall(place.memory)
 
 
 def make_newton_motion(scene: Scene, leaf: Leaf, state: State, stage: PotentialMotion) -> NewtonMotion:

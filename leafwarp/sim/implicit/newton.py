@@ -135,8 +135,8 @@ class Newton:
 
     @property
     def byte_count(self) -> int:
-        """Memory of the factor at hand and of the one that a frame began with [byte]."""
-        return 2 * self._factor.byte_count
+        """Memory of a factor [byte]."""
+        return self._factor.byte_count
 
     def forget(self) -> None:
         """Make the factor anew at the next step."""
