@@ -91,7 +91,7 @@ drag = 4.0                   # 1/s
 # minimum_conductance = "5 mmol/m2/s"  # what the cuticle lets through
 #
 # [motion]
-# method = "implicit"        # takes a real leaf's stiffness; so does quasistatic, without swinging
+# method = "quasistatic"     # an equilibrium a frame; "implicit" swings, with inertia in the film's time
 # gravity = [0.0, 0.0, -9.81]
 # clamp = true               # the petiole is held in its direction
 # settle = true              # the film starts with the leaf at rest under its weight

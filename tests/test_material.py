@@ -122,7 +122,7 @@ def test_the_tables_of_the_structure_follow_from_the_material() -> None:
     assert scene.curl.thickness == pytest.approx(3e-4)
     assert scene.curl.vein_resistance == pytest.approx(1.0 - 1.0 / 3.0)
     assert scene.shrink.plastic_set == scene.curl.plastic_set == 0.4
-    assert scene.motion.method == "implicit" and scene.solver.precision == "float64"
+    assert scene.motion.method == "quasistatic" and scene.solver.precision == "float64"
 
 
 def test_a_vein_thinner_than_the_lamina_resists_no_curl() -> None:

@@ -97,7 +97,7 @@ def test_the_leaf_in_si_units_runs_when_it_is_uncommented(folder: Path, leaf: Le
     changed.unlink()
     assert scene.warnings == ()
     assert scene.material == MaterialTable(preset=preset)
-    assert (scene.motion.method, scene.motion.settle) == ("implicit", True)
+    assert (scene.motion.method, scene.motion.settle) == ("quasistatic", True)
     assert scene.transpiration.closure == scene.material.turgor
     scene = scene.with_changes(FEW | {"time.duration": "48 h"})
     frames = list(Simulation(scene, prepare_scene_leaf(scene, None)).frames())

@@ -36,7 +36,7 @@ def derived_tables(scene: Scene) -> dict[str, Table | None]:
         tables["curl"] = _filled("curl", scene.curl or CurlTable(), material)
         if structure.bending_stiffness == 0.0 and scene.curl is None:
             tables["curl"] = None
-        tables["motion"] = scene.motion.filled(method="implicit")
+        tables["motion"] = scene.motion.filled(method="quasistatic")
     if structure.membrane_stiffness is None:
         raise ValueError("structure.membrane_stiffness: missing; give it, or a [material] that it follows from")
     if structure.vein_bending_stiffness is None:

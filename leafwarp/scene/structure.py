@@ -121,9 +121,10 @@ class MotionTable(Table):
 
     method: Literal["explicit", "implicit", "quasistatic"] = Field(
         "explicit",
-        description="explicit: small steps, for a soft membrane. implicit: backward Euler in steps of a frame, for a "
-        "real leaf's stiffness. quasistatic: the equilibrium of every frame, without inertia. Default: explicit, or "
-        "implicit with [material].",
+        description="explicit: small steps, for a soft membrane. quasistatic: the equilibrium of every frame, for a real "
+        "leaf's stiffness; a leaf that dries for hours has no inertia to speak of. implicit: the same stiffness with "
+        "inertia in the film's time, by backward Euler in steps of a frame: it swings. Default: explicit, or "
+        "quasistatic with [material].",
     )
 
     gravity: Vector | None = Field(None, description="Acceleration of gravity [m/s^2], z up; left out: none.")
