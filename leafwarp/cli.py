@@ -166,8 +166,8 @@ def _run(arguments: argparse.Namespace) -> None:
     settled = report["motion"]["settled"]
     if settled is not None and not settled["settled"]:
         print(
-            f"leafwarp: warning: the leaf still swung by {100 * settled['swing']:.2f} % of its length after "
-            f"{settled['substeps']} substeps of settling",
+            f"leafwarp: warning: after {settled['substeps']} substeps of settling the leaf is not yet known to be at "
+            f"rest; it swung by {100 * settled['swing']:.2f} % of its length",
             file=sys.stderr,
         )
     if arguments.verbose:

@@ -121,8 +121,8 @@ class MotionTable(Table):
 
     method: Literal["explicit", "implicit", "quasistatic"] = Field(
         "explicit",
-        description="explicit: small steps, for a soft membrane. quasistatic: the equilibrium of every frame, for a real "
-        "leaf's stiffness; a leaf that dries for hours has no inertia to speak of. implicit: the same stiffness with "
+        description="explicit: small steps, for a soft membrane. quasistatic: the equilibrium of every frame, for a "
+        "real leaf's stiffness; a leaf that dries for hours has no inertia to speak of. implicit: the same with "
         "inertia in the film's time, by backward Euler in steps of a frame: it swings. Default: explicit, or "
         "quasistatic with [material].",
     )

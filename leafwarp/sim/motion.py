@@ -159,16 +159,16 @@ class Motion:
         velocity = self._state["velocity"]
         mass = self._state["mass"].numpy().astype(np.float64)
         pendulum = np.array([mass[own].sum() for own in self._slices]) * self._gravity * self._lengths
-        quarter = 0.5 * math.pi * math.sqrt(self._lengths.max() / self._gravity)
+        quarter = 0.5 * math.pi * np.sqrt(self._lengths / self._gravity)
         most = max(SETTLING_BLOCK, self._maximum)
         before, calm, swing = (np.zeros(len(pendulum)) for _ in range(3))
         substeps = 0
         velocity.zero_()
-        while calm.min() < quarter and substeps < SETTLING_SUBSTEPS:
+        while (calm < quarter).any() and substeps < SETTLING_SUBSTEPS:
             limit = SAFETY * self._limit()
             if not limit > 0.0:
                 raise SimulationError(0, "settling", self._refusal(math.inf))
-            duration = min(SETTLING_BLOCK * limit, 0.1 * quarter)
+            duration = min(SETTLING_BLOCK * limit, 0.1 * quarter.min())
             substeps += self._advance_checked(duration, SETTLING_BLOCK, most, 0, self._settling)
             energy = self._kinetic_energy(mass)
             now = np.sqrt(energy / pendulum)
@@ -181,7 +181,7 @@ class Motion:
                 energy[has_peaked] = 0.0
             before = energy
         velocity.zero_()
-        return Settled(self._residual(), float(swing.max()), substeps, bool(calm.min() >= quarter))
+        return Settled(self._residual(), float(swing.max()), substeps, bool((calm >= quarter).all()))
 
     def _kinetic_energy(self, mass: np.ndarray) -> np.ndarray:
         """Twice the kinetic energy of each leaf [J], from the vertices' masses [kg]; shape [leaf_count]."""
