@@ -116,6 +116,16 @@ display_color = true
 SCENES = Path(__file__).parent.parent / "scenes"
 
 
+@pytest.fixture
+def leaf_file(tmp_path: Path) -> Path:
+    """A scene file of a leaf stated in SI units; its photo is not there."""
+    from material_scenes import SI_SCENE
+
+    path = tmp_path / "leaf.toml"
+    path.write_text(SI_SCENE)
+    return path
+
+
 @pytest.fixture(scope="session")
 def scene_leaf(tmp_path_factory: pytest.TempPathFactory):
     """The prepared leaf of a scene, prepared once a session."""
