@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -46,6 +47,26 @@ def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
         metafunc.parametrize("device", metafunc.config.getoption("--device") or ["cpu"])
     if "precision" in metafunc.fixturenames:
         metafunc.parametrize("precision", ["float32", "float64"])
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_kernels(request: pytest.FixtureRequest) -> None:
+    """Every kernel in both precisions, each module compiled once.
+
+    Warp compiles a module again for every set of kernels and precisions that is asked of it, and the tests, in
+    whatever order, ask for many. Of several workers each starts at another module, and finds in the cache those that
+    the others have compiled by then.
+    """
+    import warp as wp
+
+    from every_kernel import MODULES, kernels_of
+
+    modules = list(dict.fromkeys(kernel.module for name in MODULES for kernel in kernels_of(name)))
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    first = worker * len(modules) // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1))
+    for device in request.config.getoption("--device") or ["cpu"]:
+        for module in modules[first:] + modules[:first]:
+            wp.force_load(device, [module])
 
 
 @pytest.fixture(scope="session")
