@@ -148,9 +148,25 @@ def leaf_file(tmp_path: Path) -> Path:
 
 
 @pytest.fixture(scope="session")
-def scene_leaf(tmp_path_factory: pytest.TempPathFactory):
+def leaf_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of prepared leaves, found by content: one for all workers."""
+    folder = tmp_path_factory.getbasetemp()
+    return (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "leaves"
+
+
+@pytest.fixture(scope="session")
+def scene_leaf(leaf_cache: Path):
     """The prepared leaf of a scene, prepared once a session."""
     from leafwarp.prepare import prepare_scene_leaf
 
-    cache = tmp_path_factory.mktemp("leaves")
-    return lambda scene: prepare_scene_leaf(scene, cache)
+    return lambda scene: prepare_scene_leaf(scene, leaf_cache)
+
+
+@pytest.fixture
+def prepared_folder(tmp_path: Path, leaf_cache: Path) -> Path:
+    """A folder for the results of a run that finds its leaf prepared, once one of the session has prepared it."""
+    from leafwarp.run import CACHE_FOLDER
+
+    leaf_cache.mkdir(exist_ok=True)
+    (tmp_path / CACHE_FOLDER).symlink_to(leaf_cache, target_is_directory=True)
+    return tmp_path

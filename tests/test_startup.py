@@ -11,7 +11,6 @@ from pathlib import Path
 import pytest
 import warp as wp
 
-from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.scene.file import load_scene
 from leafwarp.sim import compilation, launch
 from leafwarp.sim.compilation import Compilation, required_modules
@@ -133,10 +132,10 @@ def test_what_the_compiler_raises_arrives(small_scene: Path, device: str, monkey
         compiling.wait()
 
 
-def test_leaves_of_any_scene_are_simulated_alike(small_scene: Path, device: str) -> None:
+def test_leaves_of_any_scene_are_simulated_alike(small_scene: Path, device: str, scene_leaf) -> None:
     """Finding the kernels ahead leaves no trace in what is simulated."""
     scene = load_scene(small_scene)
-    leaf = prepare_scene_leaf(scene, None)
+    leaf = scene_leaf(scene)
     before = [frame.points.tobytes() for frame in Simulation(scene, leaf, device).frames(3)]
     required_modules(scene, device)
     assert [frame.points.tobytes() for frame in Simulation(scene, leaf, device).frames(3)] == before
