@@ -42,6 +42,14 @@ def _act_like_a_gpu() -> None:
     State.many_threads = property(lambda state: True)
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log):
+    """With -n, a worker begins with neighbouring tests, which share fixtures, and takes over what others have left."""
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log) if config.getoption("dist") == "load" else None
+
+
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Long tests first: at the end one of them would keep a single worker busy."""
     items.sort(key=lambda item: item.get_closest_marker("long") is None)
