@@ -67,8 +67,8 @@ def compiled_kernels(request: pytest.FixtureRequest) -> None:
     """Every kernel in both precisions, each module compiled once.
 
     Warp compiles a module again for every set of kernels and precisions that is asked of it, and the tests, in
-    whatever order, ask for many. Of several workers each starts at another module, and finds in the cache those that
-    the others have compiled by then.
+    whatever order, ask for many. Of two workers one begins with the first module and one with the last; each finds in
+    the cache what the other has compiled when they meet.
     """
     import warp as wp
 
@@ -76,9 +76,13 @@ def compiled_kernels(request: pytest.FixtureRequest) -> None:
 
     modules = list(dict.fromkeys(kernel.module for name in MODULES for kernel in kernels_of(name)))
     worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
-    first = worker * len(modules) // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1))
+    pairs = (int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1)) + 1) // 2
+    first = worker // 2 * len(modules) // pairs
+    modules = modules[first:] + modules[:first]
+    if worker % 2:
+        modules.reverse()
     for device in request.config.getoption("--device") or ["cpu"]:
-        for module in modules[first:] + modules[:first]:
+        for module in modules:
             wp.force_load(device, [module])
 
 
