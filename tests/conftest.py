@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 
 import pytest
@@ -41,11 +42,48 @@ def _act_like_a_gpu() -> None:
     State.many_threads = property(lambda state: True)
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log):
+    """With -n, a worker begins with neighbouring tests, which share fixtures, and takes over what others have left."""
+    from xdist.scheduler import WorkStealingScheduling
+
+    return WorkStealingScheduling(config, log) if config.getoption("dist") == "load" else None
+
+
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Long tests first: at the end one of them would keep a single worker busy."""
+    items.sort(key=lambda item: item.get_closest_marker("long") is None)
+
+
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:
     if "device" in metafunc.fixturenames:
         metafunc.parametrize("device", metafunc.config.getoption("--device") or ["cpu"])
     if "precision" in metafunc.fixturenames:
         metafunc.parametrize("precision", ["float32", "float64"])
+
+
+@pytest.fixture(scope="session", autouse=True)
+def compiled_kernels(request: pytest.FixtureRequest) -> None:
+    """Every kernel in both precisions, each module compiled once.
+
+    Warp compiles a module again for every set of kernels and precisions that is asked of it, and the tests, in
+    whatever order, ask for many. Of two workers one begins with the first module and one with the last; each finds in
+    the cache what the other has compiled when they meet.
+    """
+    import warp as wp
+
+    from every_kernel import MODULES, kernels_of
+
+    modules = list(dict.fromkeys(kernel.module for name in MODULES for kernel in kernels_of(name)))
+    worker = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+    pairs = (int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", 1)) + 1) // 2
+    first = worker // 2 * len(modules) // pairs
+    modules = modules[first:] + modules[:first]
+    if worker % 2:
+        modules.reverse()
+    for device in request.config.getoption("--device") or ["cpu"]:
+        for module in modules:
+            wp.force_load(device, [module])
 
 
 @pytest.fixture(scope="session")
@@ -116,10 +154,36 @@ display_color = true
 SCENES = Path(__file__).parent.parent / "scenes"
 
 
+@pytest.fixture
+def leaf_file(tmp_path: Path) -> Path:
+    """A scene file of a leaf stated in SI units; its photo is not there."""
+    from material_scenes import SI_SCENE
+
+    path = tmp_path / "leaf.toml"
+    path.write_text(SI_SCENE)
+    return path
+
+
 @pytest.fixture(scope="session")
-def scene_leaf(tmp_path_factory: pytest.TempPathFactory):
+def leaf_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder of prepared leaves, found by content: one for all workers."""
+    folder = tmp_path_factory.getbasetemp()
+    return (folder.parent if "PYTEST_XDIST_WORKER" in os.environ else folder) / "leaves"
+
+
+@pytest.fixture(scope="session")
+def scene_leaf(leaf_cache: Path):
     """The prepared leaf of a scene, prepared once a session."""
     from leafwarp.prepare import prepare_scene_leaf
 
-    cache = tmp_path_factory.mktemp("leaves")
-    return lambda scene: prepare_scene_leaf(scene, cache)
+    return lambda scene: prepare_scene_leaf(scene, leaf_cache)
+
+
+@pytest.fixture
+def prepared_folder(tmp_path: Path, leaf_cache: Path) -> Path:
+    """A folder for the results of a run that finds its leaf prepared, once one of the session has prepared it."""
+    from leafwarp.run import CACHE_FOLDER
+
+    leaf_cache.mkdir(exist_ok=True)
+    (tmp_path / CACHE_FOLDER).symlink_to(leaf_cache, target_is_directory=True)
+    return tmp_path

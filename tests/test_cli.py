@@ -80,10 +80,10 @@ def test_an_existing_result_is_kept_unless_overwritten(finished: Path, small_sce
     assert (finished / "small.usd").read_bytes() == before  # the same run gives the same bytes
 
 
-def test_frames_picks_what_is_written(small_scene: Path, tmp_path: Path, finished: Path, capsys) -> None:
+def test_frames_picks_what_is_written(small_scene: Path, prepared_folder: Path, finished: Path, capsys) -> None:
     from pxr import Usd, UsdGeom
 
-    target = tmp_path / "part.usda"
+    target = prepared_folder / "part.usda"
     assert main(["run", str(small_scene), "-o", str(target), "--frames", "3:5", "--json", "-q"]) == 0
     assert json.loads(capsys.readouterr().out)["frames"] == 5
     points = {}
@@ -132,17 +132,17 @@ def test_plan_json_lists_stages_and_what_is_left_out(small_scene: Path, capsys) 
 
 
 def test_a_frame_that_cannot_be_computed_is_named_and_those_before_are_kept(
-    small_scene: Path, tmp_path: Path, capsys
+    small_scene: Path, prepared_folder: Path, capsys
 ) -> None:
     from pxr import Usd, UsdGeom
 
     limit = ["--set", "solver.maximum_substeps=2"]
-    assert main(["run", str(small_scene), "-o", str(tmp_path), "-q", *limit]) == 1
+    assert main(["run", str(small_scene), "-o", str(prepared_folder), "-q", *limit]) == 1
     out, err = capsys.readouterr()
     assert out == ""
     assert err.startswith("leafwarp: frame 2: motion: needs ") and "solver.maximum_substeps = 2" in err
     assert len(err.splitlines()) == 1
-    stage = Usd.Stage.Open(str(tmp_path / "small.usd"))
+    stage = Usd.Stage.Open(str(prepared_folder / "small.usd"))
     mesh = UsdGeom.Mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))
     assert mesh.GetPointsAttr().GetTimeSamples() == [1.0]
 
@@ -163,11 +163,10 @@ def test_names_that_no_usd_can_have_are_refused(name: str, small_scene: Path, tm
     assert list(tmp_path.iterdir()) == []
 
 
-def test_the_usd_holds_what_the_simulation_computed(finished: Path, small_scene: Path) -> None:
+def test_the_usd_holds_what_the_simulation_computed(finished: Path, small_scene: Path, scene_leaf) -> None:
     import numpy as np
     from pxr import Usd, UsdGeom
 
-    from leafwarp.prepare import prepare_scene_leaf
     from leafwarp.scene.file import load_scene
     from leafwarp.sim.simulation import Simulation
     from leafwarp.usd.check import check_usd
@@ -177,7 +176,7 @@ def test_the_usd_holds_what_the_simulation_computed(finished: Path, small_scene:
     mesh = UsdGeom.Mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))
     primvars = UsdGeom.PrimvarsAPI(mesh)
     scene = load_scene(small_scene)
-    for frame in Simulation(scene, prepare_scene_leaf(scene, None)).frames():
+    for frame in Simulation(scene, scene_leaf(scene)).frames():
         for attribute, expected in (
             (mesh.GetPointsAttr(), frame.points),
             (mesh.GetNormalsAttr(), frame.normals),
@@ -213,7 +212,9 @@ def test_help_imports_nothing_heavy() -> None:
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_signal_ends_the_run_after_its_frame(small_scene: Path, tmp_path: Path, number: signal.Signals) -> None:
+def test_a_signal_ends_the_run_after_its_frame(
+    small_scene: Path, prepared_folder: Path, number: signal.Signals
+) -> None:
     from pxr import Usd, UsdGeom
 
     command = [
@@ -223,7 +224,7 @@ def test_a_signal_ends_the_run_after_its_frame(small_scene: Path, tmp_path: Path
         "run",
         str(small_scene),
         "-o",
-        str(tmp_path),
+        str(prepared_folder),
         "--set",
         "time.frames=5000",
     ]
@@ -235,21 +236,21 @@ def test_a_signal_ends_the_run_after_its_frame(small_scene: Path, tmp_path: Path
     rest = process.stderr.read()
     assert process.wait(timeout=60) == 128 + number
     assert "Traceback" not in rest
-    stage = Usd.Stage.Open(str(tmp_path / "small.usd"))
+    stage = Usd.Stage.Open(str(prepared_folder / "small.usd"))
     mesh = UsdGeom.Mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))
     samples = mesh.GetPointsAttr().GetTimeSamples()
     assert len(samples) >= 3
     assert samples == [float(f) for f in range(1, len(samples) + 1)]
-    assert json.loads((tmp_path / "small.report.json").read_text())["frames"] == len(samples)
+    assert json.loads((prepared_folder / "small.report.json").read_text())["frames"] == len(samples)
 
 
 @pytest.mark.parametrize("last_line", ["frame 1/", "frame 7/"])
-def test_kill_9_leaves_every_finished_frame(small_scene: Path, tmp_path: Path, last_line: str) -> None:
+def test_kill_9_leaves_every_finished_frame(small_scene: Path, prepared_folder: Path, last_line: str) -> None:
     from pxr import Usd, UsdGeom
 
     from leafwarp.usd.check import check_usd
 
-    command = [sys.executable, "-m", "leafwarp", "run", str(small_scene), "-o", str(tmp_path)]
+    command = [sys.executable, "-m", "leafwarp", "run", str(small_scene), "-o", str(prepared_folder)]
     process = subprocess.Popen(
         [*command, "--set", "time.frames=5000"], env=ENVIRONMENT, stderr=subprocess.PIPE, text=True
     )
@@ -261,18 +262,17 @@ def test_kill_9_leaves_every_finished_frame(small_scene: Path, tmp_path: Path, l
             break
     done += sum(line.startswith("frame ") and line.endswith("s\n") for line in process.stderr)
     process.wait()
-    assert check_usd(tmp_path / "small.usd", unfinished=True) == []
-    stage = Usd.Stage.Open(str(tmp_path / "small.usd"))
+    assert check_usd(prepared_folder / "small.usd", unfinished=True) == []
+    stage = Usd.Stage.Open(str(prepared_folder / "small.usd"))
     mesh = UsdGeom.Mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))
     assert len(mesh.GetPointsAttr().GetTimeSamples()) >= done
     # The next run replaces what was left.
-    finished = subprocess.run([*command, "--overwrite", "-q"], env=ENVIRONMENT, capture_output=True, text=True)
-    assert finished.returncode == 0, finished.stderr
-    assert check_usd(tmp_path / "small.usd") == []
-    assert not list(tmp_path.glob("*.frames"))
+    assert main(["run", str(small_scene), "-o", str(prepared_folder), "--overwrite", "-q"]) == 0
+    assert check_usd(prepared_folder / "small.usd") == []
+    assert not list(prepared_folder.glob("*.frames"))
 
 
-def test_a_full_disk_in_mid_run_keeps_the_frames(small_scene: Path, tmp_path: Path) -> None:
+def test_a_full_disk_in_mid_run_keeps_the_frames(small_scene: Path, prepared_folder: Path) -> None:
     """Files may not grow past 6 kB from the third frame on: what is on disk stays, and one line says what happened."""
     code = (
         "import resource, signal, sys\n"
@@ -287,7 +287,7 @@ def test_a_full_disk_in_mid_run_keeps_the_frames(small_scene: Path, tmp_path: Pa
         "UsdWriter.write = limited\n"
         "sys.exit(main(sys.argv[1:]))\n"
     )
-    command = [sys.executable, "-c", code, "run", str(small_scene), "-o", str(tmp_path), "-q"]
+    command = [sys.executable, "-c", code, "run", str(small_scene), "-o", str(prepared_folder), "-q"]
     done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True)
     assert done.returncode == 1
     lines = [line for line in done.stderr.splitlines() if line.startswith("leafwarp: ")]
@@ -295,7 +295,7 @@ def test_a_full_disk_in_mid_run_keeps_the_frames(small_scene: Path, tmp_path: Pa
     assert "Traceback" not in done.stderr
     from pxr import Usd, UsdGeom
 
-    stage = Usd.Stage.Open(str(tmp_path / "small.usd"))
+    stage = Usd.Stage.Open(str(prepared_folder / "small.usd"))
     mesh = UsdGeom.Mesh(next(p for p in stage.Traverse() if p.IsA(UsdGeom.Mesh)))
     assert mesh.GetPointsAttr().GetTimeSamples() == [1.0, 2.0, 3.0]
 

@@ -23,6 +23,7 @@ from leaf_pictures import (
 )
 from leafwarp.errors import InputError
 from leafwarp.leaf import Leaf, LeafRequest, prepare_leaf
+from leafwarp.leaf.cache import load_leaf
 from leafwarp.leaf.mesh.topology import check_topology
 
 LENGTH = 0.08  # [m]
@@ -160,16 +161,18 @@ def test_bad_arguments(image: Path, arguments: dict, message: str) -> None:
 
 
 def test_cache(image: Path, tmp_path: Path) -> None:
-    asked = dict(length=LENGTH, vertices=200, map_size=(24, 36), maps=AUTO, cache=tmp_path / "cache")
+    asked = dict(length=LENGTH, vertices=60, map_size=(24, 36), maps=AUTO, cache=tmp_path / "cache")
     first = prepared(image, **asked)
     (stored,) = (tmp_path / "cache").iterdir()
     whole = stored.read_bytes()
     assert_same(first, prepared(image, **asked))
     assert stored.read_bytes() == whole
+    assert load_leaf(stored) is not None
     for damaged in (whole[: len(whole) // 2], b"", whole[:5000] + b"\0" * 64 + whole[5064:]):
         stored.write_bytes(damaged)
-        assert_same(first, prepared(image, **asked))
-        assert len(stored.read_bytes()) == len(whole)
+        assert load_leaf(stored) is None
+    assert_same(first, prepared(image, **asked))
+    assert len(stored.read_bytes()) == len(whole)
     other = prepared(image, **{**asked, "map_size": (24, 35)})
     assert other.mask.shape == (35, 24) and len(list((tmp_path / "cache").iterdir())) == 2
 

@@ -1,56 +1,23 @@
-"""Leaves stated in SI units: presets, what follows from them, and what is refused or warned about."""
+"""Leaves stated in SI units: presets, what follows from them, and a whole leaf of one."""
 
 from __future__ import annotations
 
 import inspect
-import json
-import math
 import re
-import tomllib
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from conftest import SCENES
-from leafwarp.cli import main
-from leafwarp.errors import InputError
-from leafwarp.scene import Scene, presets
+from leafwarp.scene import presets
 from leafwarp.scene.file import load_scene
 from leafwarp.scene.material import FOLLOWS_FROM, MaterialTable
 from leafwarp.scene.presets import PRESETS
-from leafwarp.scene.warnings import USUAL
-from leafwarp.scene.water import AirTable, StomataTable
 from leafwarp.sim.pace import couplings_per_frame
 from leafwarp.sim.simulation import Simulation
-from meshes import scene_of, strip
-from test_cli import refused
-
-LEAF = """
-[leaf]
-image = "leaf.png"
-length = "12 cm"
-[time]
-duration = "48 h"
-[fluid]
-[air]
-temperature = "25 degC"
-relative_humidity = 0.5
-[stomata]
-open_conductance = "200 mmol/m2/s"
-[material]
-"""
-
-
-@pytest.fixture
-def leaf_file(tmp_path: Path) -> Path:
-    path = tmp_path / "leaf.toml"
-    path.write_text(LEAF)
-    return path
-
-
-def material_scene(**material) -> Scene:
-    return scene_of(material=material)
+from material_scenes import material_scene
+from meshes import strip
 
 
 def at(curve, content: float) -> float:
@@ -93,6 +60,21 @@ def test_presets_are_coherent(preset: str) -> None:
 
 def test_the_default_leaf_loses_a_fifth_of_its_area() -> None:
     assert MaterialTable().area_lost == pytest.approx(0.22, abs=0.08)
+
+
+SCALES = {"mm": 1e3, "MPa": 1e-6, "g/m²": 1e3}
+
+
+def test_the_readmes_table_has_the_presets_figures() -> None:
+    readme = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
+    assert "| " + " | ".join(PRESETS) + " | source |" in readme
+    for key in PRESETS["tree"]:
+        row = next(line for line in readme.splitlines() if line.startswith(f"| `{key}`"))
+        unit = re.search(r"\[(.+)\]", row.split("|")[1])
+        scale = SCALES[unit[1]] if unit else 1.0
+        assert [float(cell) for cell in row.split("|")[2:6]] == pytest.approx(
+            [figures[key] * scale for figures in PRESETS.values()]
+        )
 
 
 # What follows.
@@ -203,99 +185,10 @@ def test_spring_and_hinge_constants_follow_from_material_and_mesh(columns: int) 
     assert state["hinge_stiffness"].numpy() == pytest.approx(hinge, rel=1e-12)
 
 
-# What is refused.
-
-
-# An impossible value of every key, and what is accepted.
-IMPOSSIBLE = {
-    "material.preset": ("'moss'", "accepted: 'herb', 'tree', 'waxy' or 'grass'"),
-    "material.thickness": ("0.0", "accepted: 1e-6 to 0.1 m"),
-    "material.vein_thickness": ("-1", "accepted: 1e-6 to 0.1 m"),
-    "material.lamina_modulus": ("'-50 MPa'", "accepted: 0.001 to 1e13 Pa"),
-    "material.vein_modulus": ("0", "accepted: 0.001 to 1e13 Pa"),
-    "material.poisson_ratio": ("0.6", "accepted: -0.99 to 0.5"),
-    "material.dry_mass": ("0", "accepted: 1e-6 to 1e6 kg/m2"),
-    "material.saturated_water": ("'-1 kg/m2'", "accepted: 1e-6 to 1e6 kg/m2"),
-    "material.osmotic_potential": ("'-1.5 MPa'", "accepted: 1 to 1e9 Pa; a positive number"),
-    "material.bulk_modulus": ("0", "accepted: 1 to 1e11 Pa"),
-    "material.wilted_stiffness": ("1.5", "accepted: 0.001 to 1"),
-    "material.dry_stiffness": ("-1", "accepted: 0.001 to 1e6"),
-    "material.shrink_across": ("1", "accepted: -0.5 to 0.95"),
-    "material.shrink_along": ("'120 %'", "accepted: -0.5 to 0.95"),
-    "material.mismatch": ("3", "accepted: -1 to 1"),
-    "material.plastic_set": ("1.1", "accepted: 0 to 1"),
-    "air.temperature": ("25", "accepted: 233.15 to 373.15 K; a plain number is in kelvin"),
-    "air.relative_humidity": ("65", "accepted: 0 to 1; a string may say %"),
-    "air.vapour_pressure_deficit": ("'-1 kPa'", "accepted: 0 to 100000 Pa"),
-    "air.pressure": ("0", "accepted: 1000 to 1e6 Pa"),
-    "stomata.open_conductance": ("200", "accepted: 0 to 100 mol/m2/s"),
-    "stomata.minimum_conductance": ("-1e-3", "accepted: 0 to 100 mol/m2/s"),
-    "stomata.closure": ("[[0.8, 0.0], [1.0, 1.2]]", "accepted: 0 to 1"),
-}
-TABLES = {"material": MaterialTable, "air": AirTable, "stomata": StomataTable}
-KEYS = {f"{name}.{key}" for name, table in TABLES.items() for key in table.model_fields}
-
-
-@pytest.mark.parametrize("key", sorted(KEYS))
-def test_an_impossible_value_of_every_key_is_one_line_that_says_what_is_accepted(key, leaf_file: Path, capsys) -> None:
-    value, accepted = IMPOSSIBLE[key]
-    message = refused(capsys, "plan", leaf_file, "--set", f"{key}={value}")
-    assert f"{leaf_file}: {key}" in message and accepted in message
-    plain = tomllib.loads(f"value = {value}")["value"]
-    assert f" = {1.2 if isinstance(plain, list) else plain!r}: " in message
-
-
-@pytest.mark.parametrize(
-    ("change", "words"),
-    [
-        ("thickness='0 mm'", "material.thickness = '0 mm': accepted: 1e-6 to 0.1 m"),
-        ("osmotic_potential='50 MPa'", "turgor loss point at -3.16667; accepted: between 0 and 1"),
-        ("bulk_modulus='1 MPa'", "turgor loss point at -0.5; accepted: between 0 and 1"),
-        ("shrink_across=0", "shrink_along 0.09 and shrink_across 0; accepted: of one sign"),
-        ("shrink_along=-0.1", "shrink_along -0.1 and shrink_across 0.14; accepted: of one sign"),
-        ("thickness='thin'", "material.thickness = 'thin': accepted: a number [m]"),
-        ("lamina_modulus='5 m'", "material.lamina_modulus = '5 m': accepted: a number [Pa]"),
-        ("thickness=nan", "material.thickness = nan"),
-        ("thicknes=1", "material.thicknes: unknown key; did you mean 'thickness'?"),
-    ],
-)
-def test_an_impossible_material_is_refused(leaf_file: Path, capsys, change: str, words: str) -> None:
-    assert words in refused(capsys, "plan", leaf_file, "--set", f"material.{change}")
-
-
-@pytest.mark.parametrize(
-    ("material", "words", "own"),
-    [
-        (
-            "{vein_modulus = '1e4 GPa', lamina_modulus = 1.0}",
-            "material.vein_modulus = 1e13, material.vein_thickness = 0.0015, material.lamina_modulus = 1, "
-            "material.thickness = 0.0002: they make structure.vein_stiffness = 7.5e13; accepted: 0 to 1e12",
-            ["structure.vein_stiffness=3.0", "structure.vein_bending_stiffness=3.0"],
-        ),
-        (
-            "{vein_thickness = '10 cm', thickness = '1 um'}",
-            "material.vein_modulus = 2.5e8, material.vein_thickness = 0.1, material.lamina_modulus = 5e7, "
-            "material.thickness = 1e-6: they make structure.vein_bending_stiffness = 5e15; accepted: 0 to 1e12",
-            ["structure.vein_bending_stiffness=3.0"],
-        ),
-        (
-            "{thickness = 0.1, lamina_modulus = 1e13, poisson_ratio = -0.99}",
-            "material.lamina_modulus = 1e13, material.thickness = 0.1, material.poisson_ratio = -0.99: they make "
-            "structure.bending_stiffness = 4.1876e10; accepted: 0 to 1e9 N m",
-            ["structure.bending_stiffness=1e-3"],
-        ),
-    ],
-)
-def test_what_follows_from_a_material_has_the_bounds_of_what_is_given(leaf_file, capsys, material, words, own) -> None:
-    assert refused(capsys, "plan", leaf_file, "--set", f"material={material}").endswith(words)
-    scene = load_scene(leaf_file, [f"material={material}", *own])  # what the scene says itself holds
-    assert scene.material is not None
-
-
-def test_what_a_scene_and_its_material_make_together_names_both(leaf_file: Path, capsys) -> None:
-    changes = ["material={shrink_across=0.1, shrink_along=0.3}", "shrink.curve=[[0.0, 0.5], [1.0, 0.0]]"]
-    message = refused(capsys, "plan", leaf_file, "--set", changes[0], "--set", changes[1])
-    assert "shrink.along_veins = 3 (from material.shrink_along = 0.3, material.shrink_across = 0.1)" in message
+def test_what_is_none_is_derived(leaf_file: Path) -> None:
+    scene = load_scene(leaf_file)
+    keys = ("material.thickness", "structure.membrane_stiffness", "structure.vein_bending_stiffness")
+    assert scene.with_changes(dict.fromkeys(keys)).structure == scene.structure
 
 
 def test_every_number_that_follows_from_a_material_tells_from_which_keys() -> None:
@@ -307,140 +200,15 @@ def test_every_number_that_follows_from_a_material_tells_from_which_keys() -> No
             )
 
 
-@pytest.mark.parametrize("along", np.linspace(0.7, 0.95, 6))
-def test_a_leaf_may_shrink_as_far_as_its_material_is_accepted(along: float) -> None:
-    for across in np.linspace(0.1, 0.95, 30):
-        material_scene(shrink_across=float(across), shrink_along=float(along))
-
-
-def test_the_papers_bending_has_no_equilibrium(leaf_file: Path) -> None:
-    with pytest.raises(InputError, match=r"structure\.bending = 'paper': accepted with motion\.method = 'explicit'"):
-        load_scene(leaf_file, ["structure.bending='paper'"])
-    load_scene(leaf_file, ["structure.bending='paper'", "motion.method='explicit'"])
-
-
-# What is warned about.
-
-
-# A possible but odd value of every key but the preset, with what is changed beside it, and how the warning begins.
-SUSPICIOUS = {
-    "material.thickness": (["'5 cm'"], "material.thickness = 0.05 m: usual: 5e-5 to 0.003 m ("),
-    "material.vein_thickness": (["'5 cm'"], "material.vein_thickness = 0.05 m: usual: 5e-5 to 0.02 m ("),
-    "material.lamina_modulus": (["'1 Pa'"], "material.lamina_modulus = 1 Pa: usual: 1e6 to 5e9 Pa ("),
-    "material.vein_modulus": (["'1 Pa'"], "material.vein_modulus = 1 Pa: usual: 1e6 to 3e10 Pa ("),
-    "material.poisson_ratio": (["-0.5"], "material.poisson_ratio = -0.5: usual: 0 to 0.5 ("),
-    "material.dry_mass": (["'5 kg/m2'"], "material.dry_mass = 5 kg/m2: usual: 0.01 to 1.5 kg/m2 ("),
-    "material.saturated_water": (["'1 g/m2'"], "material.saturated_water = 0.001 kg/m2: usual: 0.02 to 5 kg/m2 ("),
-    "material.osmotic_potential": (
-        ["'50 MPa'", "material.bulk_modulus='400 MPa'"],
-        "material.osmotic_potential = 5e7 Pa: usual: 300000 to 5e6 Pa (",
-    ),
-    "material.bulk_modulus": (["'400 MPa'"], "material.bulk_modulus = 4e8 Pa: usual: 1e6 to 6e7 Pa ("),
-    "material.wilted_stiffness": (["0.005"], "material.wilted_stiffness = 0.005: usual: 0.01 to 1 ("),
-    "material.dry_stiffness": (["0.5"], "material.dry_stiffness = 0.5: usual: 1 to 100 ("),
-    "material.shrink_across": (
-        ["'90 %'"],
-        "material.area_lost = 0.909: usual: 0 to 0.82 (it follows from shrink_across",
-    ),
-    "material.shrink_along": (
-        ["'90 %'"],
-        "material.area_lost = 0.914: usual: 0 to 0.82 (it follows from shrink_across",
-    ),
-    "material.mismatch": (["0.2"], "material.mismatch = 0.2: usual: -0.1 to 0.1 ("),
-    "material.plastic_set": (["1.0"], "material.plastic_set = 1: usual: 0 to 0.95 ("),
-    "air.temperature": (["'80 degC'"], "air.temperature = 353.15 K: usual: 263.15 to 323.15 K ("),
-    "air.relative_humidity": (["'1 %'"], "air.relative_humidity = 0.01: usual: 0.05 to 1 ("),
-    "air.vapour_pressure_deficit": (
-        ["'9 kPa'", "air={vapour_pressure_deficit = '9 kPa'}"],
-        "air.deficit = 9000 Pa: usual: 0 to 8000 Pa (the vapour pressure deficit",
-    ),
-    "air.pressure": (["'3 bar'"], "air.pressure = 300000 Pa: usual: 50000 to 110000 Pa ("),
-    "stomata.open_conductance": (["50.0"], "stomata.open_conductance = 50 mol/m2/s: usual: 0.005 to 1.5 mol/m2/s ("),
-    "stomata.minimum_conductance": (["0.1"], "stomata.minimum_conductance = 0.1 mol/m2/s: usual: 0.0001 to 0.05 mol"),
-    "stomata.closure": (
-        ["[[0.8, 0.0], [0.9, 1.0], [1.0, 0.5]]"],
-        "stomata.closure = 1 at a water content of 0.9 and 0.5 at 1: usual: the drier the leaf, the smaller",
-    ),
-}
-
-
-@pytest.mark.parametrize("key", sorted(KEYS - {"material.preset"}))
-def test_a_suspicious_value_of_every_key_is_a_line_with_the_usual_range(leaf_file: Path, key: str) -> None:
-    (value, *others), words = SUSPICIOUS[key]
-    assert load_scene(leaf_file).warnings == ()
-    warnings = load_scene(leaf_file, [f"{key}={value}", *others]).warnings
-    assert any(line.startswith(words) for line in warnings), warnings
-    assert not any("\n" in line for line in warnings)
-
-
-@pytest.mark.parametrize("preset", PRESETS)
-def test_a_lamina_of_one_pascal_is_a_warning_in_every_kind_of_leaf(preset: str) -> None:
-    (line,) = material_scene(preset=preset, lamina_modulus="1 Pa").warnings
-    assert line.startswith("material.lamina_modulus = 1 Pa: usual: 1e6 to 5e9 Pa (")
-
-
-@pytest.mark.parametrize(
-    ("changes", "words"),
-    [
-        (["material.thickness='5 cm'"], "material.density = 4 kg/m3: usual: 300 to 1500 kg/m3"),
-        (["material.bulk_modulus='2 MPa'"], "material.turgor_loss_point = 0.25: usual: 0.6 to 0.98"),
-        (["material.shrink_across=-0.2", "material.shrink_along=-0.1"], "material.area_lost = -0.32: usual: 0 to 0.82"),
-    ],
-)
-def test_suspicious_is_also_what_several_keys_make_together(leaf_file: Path, changes: list[str], words: str) -> None:
-    assert any(line.startswith(words) for line in load_scene(leaf_file, changes).warnings)
-
-
-def test_explicit_motion_of_a_stiff_leaf_is_warned_of(small_scene: Path, capsys) -> None:
-    """The warning's step is longer than that of the plan, which knows the mesh and its veins; both name the way out."""
-    soft, stiff = (
-        load_scene(small_scene, [f"structure.membrane_stiffness={stiffness}"]).warnings for stiffness in (6.0, 5e3)
+def test_a_stiff_leaf_is_told_often_enough_that_it_swells_or_shrinks_along_its_veins(leaf_file: Path) -> None:
+    scene = load_scene(leaf_file, ["motion.method='explicit'"])
+    slow, fast = (scene.with_changes({"shrink.along_veins": factor}) for factor in (0.5, 5.0))
+    assert couplings_per_frame(fast) > 3 * couplings_per_frame(slow)
+    dry = {"source.conductance": 1e-3, "maps.water": 0.2, "stomata.open_conductance": 1e-6}
+    dry["stomata.minimum_conductance"] = 0.0
+    assert couplings_per_frame(scene.with_changes(dry)) > couplings_per_frame(
+        scene.with_changes(dry | {"maps.water": "auto"})
     )
-    assert soft == ()
-    (line,) = stiff
-    step, substeps = map(float, re.search(r"steps below (\S+) s, more than (\S+) a frame", line).groups())
-    assert substeps == pytest.approx(1.0 / 24.0 / step, rel=0.05)
-    assert "motion.method = 'implicit' takes one" in line
-    assert load_scene(small_scene, ["structure.membrane_stiffness=5e3", "motion.method=implicit"]).warnings == ()
-
-    arguments = ["plan", str(small_scene), "--set", "structure.membrane_stiffness=5e3"]
-    assert main([*arguments, "--json"]) == 0
-    plan = json.loads(capsys.readouterr().out)
-    assert step / 5.0 < plan["substep_seconds"] < step
-    assert plan["warnings"] == [line]
-    assert main(arguments) == 0
-    said = capsys.readouterr()
-    assert line in said.err
-    assert f"{plan['substeps_per_frame']} motion substeps of {plan['substep_seconds']:.3g} s" in said.out
-    assert "motion.method = 'implicit' takes a real leaf's" in said.out
-
-
-def test_a_scene_without_such_tables_has_nothing_to_warn_about() -> None:
-    assert scene_of().warnings == ()
-
-
-@pytest.mark.parametrize("key", USUAL)
-def test_usual_ranges_are_of_things_that_a_scene_has(leaf_file: Path, key: str) -> None:
-    table, name = key.split(".")
-    value = getattr(getattr(load_scene(leaf_file), table), name)
-    usual = USUAL[key]
-    assert math.isfinite(value) and usual.low < usual.high and usual.why
-    assert usual.low <= value <= usual.high
-
-
-@pytest.mark.parametrize(
-    "verb", [["run", "--frames", "2"], ["plan"], ["tradeoff", "--budget", "1s"]], ids=lambda v: v[0]
-)
-def test_warnings_go_to_stderr(verb, small_scene: Path, tmp_path: Path, capsys) -> None:
-    # A result that is a file already ends run and tradeoff as soon as they have said what they think of the scene.
-    taken = tmp_path / "taken.txt"
-    taken.write_text("")
-    output = [] if verb[0] == "plan" else ["-o", str(taken / "folder")]
-    odd = ["--set", "material.thickness='5 cm'", "--set", "motion.method='explicit'"]
-    main([verb[0], str(small_scene), *verb[1:], *output, *odd, "-q"])
-    said = capsys.readouterr()
-    assert "leafwarp: warning: material.thickness = 0.05 m: usual: 5e-5 to 0.003 m (" in said.err
-    assert "warning" not in said.out
 
 
 # A whole leaf.
@@ -470,42 +238,3 @@ def test_a_tree_leaf_wilts_then_dries_and_curls(scene_leaf) -> None:
     assert areas[0] == pytest.approx(1.0, abs=0.01)
     assert 1.0 - areas[-1] == pytest.approx(0.22, abs=0.08)
     assert heights[-1] > heights[1] + 0.1
-
-
-SCALES = {"mm": 1e3, "MPa": 1e-6, "g/m²": 1e3}
-
-
-def test_the_readmes_table_has_the_presets_figures() -> None:
-    readme = (Path(__file__).parent.parent / "README.md").read_text(encoding="utf-8")
-    assert "| " + " | ".join(PRESETS) + " | source |" in readme
-    for key in PRESETS["tree"]:
-        row = next(line for line in readme.splitlines() if line.startswith(f"| `{key}`"))
-        unit = re.search(r"\[(.+)\]", row.split("|")[1])
-        scale = SCALES[unit[1]] if unit else 1.0
-        assert [float(cell) for cell in row.split("|")[2:6]] == pytest.approx(
-            [figures[key] * scale for figures in PRESETS.values()]
-        )
-
-
-def test_a_leaf_that_would_shrink_to_less_than_nothing_is_refused(leaf_file: Path, capsys) -> None:
-    for changes in (["shrink.along_veins=10"], ["shrink.curve=[[0.0, 0.5], [1.0, 0.0]]", "shrink.along_veins=3"]):
-        arguments = [part for change in changes for part in ("--set", change)]
-        assert main(["plan", str(leaf_file), *arguments]) == 2
-        assert "of its length along the veins; accepted: at most 95%" in capsys.readouterr().err
-
-
-def test_what_is_none_is_derived(leaf_file: Path) -> None:
-    scene = load_scene(leaf_file)
-    keys = ("material.thickness", "structure.membrane_stiffness", "structure.vein_bending_stiffness")
-    assert scene.with_changes(dict.fromkeys(keys)).structure == scene.structure
-
-
-def test_a_stiff_leaf_is_told_often_enough_that_it_swells_or_shrinks_along_its_veins(leaf_file: Path) -> None:
-    scene = load_scene(leaf_file, ["motion.method='explicit'"])
-    slow, fast = (scene.with_changes({"shrink.along_veins": factor}) for factor in (0.5, 5.0))
-    assert couplings_per_frame(fast) > 3 * couplings_per_frame(slow)
-    dry = {"source.conductance": 1e-3, "maps.water": 0.2, "stomata.open_conductance": 1e-6}
-    dry["stomata.minimum_conductance"] = 0.0
-    assert couplings_per_frame(scene.with_changes(dry)) > couplings_per_frame(
-        scene.with_changes(dry | {"maps.water": "auto"})
-    )

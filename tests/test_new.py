@@ -34,9 +34,9 @@ def folder(photo: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def leaf(folder: Path) -> Leaf:
+def leaf(folder: Path, scene_leaf) -> Leaf:
     """The leaf of that scene."""
-    return prepare_scene_leaf(load_scene(folder / "mine.toml"), None)
+    return scene_leaf(load_scene(folder / "mine.toml"))
 
 
 def test_scene_overlay_and_maps_are_written(folder: Path) -> None:
@@ -90,7 +90,7 @@ def test_every_override_is_accepted_when_it_is_uncommented(folder: Path) -> None
 
 
 @pytest.mark.parametrize("preset", PRESETS)
-def test_the_leaf_in_si_units_runs_when_it_is_uncommented(folder: Path, leaf: Leaf, preset: str) -> None:
+def test_the_leaf_in_si_units_runs_when_it_is_uncommented(folder: Path, scene_leaf, preset: str) -> None:
     changed = folder / "changed.toml"
     changed.write_text(in_si_units((folder / "mine.toml").read_text()))
     scene = load_scene(changed, [f"material.preset={preset}"])
@@ -100,7 +100,7 @@ def test_the_leaf_in_si_units_runs_when_it_is_uncommented(folder: Path, leaf: Le
     assert (scene.motion.method, scene.motion.settle) == ("quasistatic", True)
     assert scene.transpiration.closure == scene.material.turgor
     scene = scene.with_changes(FEW | {"time.duration": "48 h"})
-    frames = list(Simulation(scene, prepare_scene_leaf(scene, None)).frames())
+    frames = list(Simulation(scene, scene_leaf(scene)).frames())
     assert frames[-1].water.mean() < 0.5 * frames[0].water.mean()
     assert np.isfinite(frames[-1].points).all()
 

@@ -59,11 +59,9 @@ print(json.dumps({
 
 
 @pytest.fixture(scope="module")
-def census(tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict]:
-    cache = tmp_path_factory.mktemp("cache")
-
+def census(leaf_cache: Path) -> dict[str, dict]:
     def count(name: str) -> dict:
-        command = [sys.executable, "-c", CENSUS, str(ROOT / "scenes" / f"{name}.toml"), str(cache)]
+        command = [sys.executable, "-c", CENSUS, str(ROOT / "scenes" / f"{name}.toml"), str(leaf_cache)]
         done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=True)
         return json.loads(done.stdout.splitlines()[-1])
 

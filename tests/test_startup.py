@@ -11,11 +11,11 @@ from pathlib import Path
 import pytest
 import warp as wp
 
-from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.scene.file import load_scene
+from leafwarp.sim import compilation, launch
 from leafwarp.sim.compilation import Compilation, required_modules
-from leafwarp.sim.launch import State
 from leafwarp.sim.simulation import Simulation
+from leafwarp_kernels import raycast as raycast_kernels
 
 ROOT = Path(__file__).parent.parent
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "kernels")])}
@@ -68,32 +68,23 @@ def test_a_leaf_prepared_before_needs_neither_mesher_nor_scipy(small_scene: Path
 def test_the_kernels_found_ahead_are_those_of_the_run(name: str, device: str, scene_leaf, monkeypatch) -> None:
     """No module is asked for a kernel that was not found ahead: it would be compiled again."""
     scene = load_scene(ROOT / "scenes" / f"{name}.toml").with_changes({"output.contact_sheet": False})
-    ahead = {module.name for module in required_modules(scene, device)}
-    overloads = _overloads()
-    recorded = set()
-    record = State.record
+    specialise, asked = launch.specialise, set()
 
-    def noting(state, kernel, *arguments, **options):
-        recorded.add(kernel.module.name)
-        return record(state, kernel, *arguments, **options)
+    def noting(kernel: wp.Kernel, precision: str) -> wp.Kernel:
+        concrete = specialise(kernel, precision)
+        asked.add((concrete.module.name, concrete.get_mangled_name()))
+        return concrete
 
-    monkeypatch.setattr(State, "record", noting)
+    monkeypatch.setattr(launch, "specialise", noting)
+    monkeypatch.setattr(compilation, "specialise", noting)
+    modules = {module.name for module in required_modules(scene, device)}
+    ahead = asked.copy()
+    assert modules == {module for module, _ in ahead}
+    asked.clear()
     simulation = Simulation(scene, scene_leaf(scene), device)
     for _ in simulation.frames(2):
         pass
-    assert recorded == ahead
-    assert _overloads() == overloads
-
-
-def _overloads() -> dict[str, int]:
-    """How many variants of its kernels each module has."""
-    from warp._src.context import user_modules
-
-    return {
-        name: sum(len(kernel.overloads) for kernel in module.kernels.values())
-        for name, module in user_modules.items()
-        if name.startswith("leafwarp_kernels")
-    }
+    assert asked == ahead
 
 
 @pytest.mark.parametrize(
@@ -122,12 +113,14 @@ def test_kernels_are_found_ahead_for_any_scene(small_scene: Path, changes, more,
 
 def test_kernels_are_loaded_before_the_simulation_starts(small_scene: Path, device: str) -> None:
     scene = load_scene(small_scene).with_changes({"output.contact_sheet": True})
-    with Compilation(scene, device) as compilation:
-        compilation.wait()
-        loaded = {module.name for module in required_modules(scene, device) if module.execs}
-        assert loaded == {module.name for module in required_modules(scene, device)}
-        compilation.finish()
-        assert wp.get_module("leafwarp_kernels.raycast").execs
+    modules, raycast = required_modules(scene, device), wp.get_module(raycast_kernels.__name__)
+    for module in (*modules, raycast):
+        module.unload()
+    with Compilation(scene, device) as compiling:
+        compiling.wait()
+        assert modules and all(module.execs for module in modules)
+        compiling.finish()
+        assert raycast.execs
 
 
 def test_what_the_compiler_raises_arrives(small_scene: Path, device: str, monkeypatch) -> None:
@@ -135,14 +128,14 @@ def test_what_the_compiler_raises_arrives(small_scene: Path, device: str, monkey
         raise RuntimeError("no compiler")
 
     monkeypatch.setattr(wp, "force_load", broken)
-    with Compilation(load_scene(small_scene), device) as compilation, pytest.raises(RuntimeError, match="no compiler"):
-        compilation.wait()
+    with Compilation(load_scene(small_scene), device) as compiling, pytest.raises(RuntimeError, match="no compiler"):
+        compiling.wait()
 
 
-def test_leaves_of_any_scene_are_simulated_alike(small_scene: Path, device: str) -> None:
+def test_leaves_of_any_scene_are_simulated_alike(small_scene: Path, device: str, scene_leaf) -> None:
     """Finding the kernels ahead leaves no trace in what is simulated."""
     scene = load_scene(small_scene)
-    leaf = prepare_scene_leaf(scene, None)
+    leaf = scene_leaf(scene)
     before = [frame.points.tobytes() for frame in Simulation(scene, leaf, device).frames(3)]
     required_modules(scene, device)
     assert [frame.points.tobytes() for frame in Simulation(scene, leaf, device).frames(3)] == before

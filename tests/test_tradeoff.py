@@ -127,19 +127,19 @@ def test_the_plot_is_a_picture(folder: Path) -> None:
         assert (picture == (blue, green, red)).all(axis=2).sum() > 200
 
 
-def test_what_the_budget_does_not_pay_is_listed_as_skipped(small_scene: Path, tmp_path: Path) -> None:
-    result = run(small_scene, tmp_path, budget=0.001)
+def test_what_the_budget_does_not_pay_is_listed_as_skipped(small_scene: Path, prepared_folder: Path) -> None:
+    result = run(small_scene, prepared_folder, budget=0.001)
     assert (result["reference"]["map_size"], result["reference"]["step"]) == ((6, 8), 2400.0)
     skipped = [row for row in result["settings"] if row["status"] == "skipped: budget"]
     assert len(skipped) == len(result["settings"])
-    assert not (tmp_path / "tradeoff.png").exists()
+    assert not (prepared_folder / "tradeoff.png").exists()
     assert all(row["predicted_seconds"] > 0.0 and row["water_error"] is None for row in skipped)
     assert not any(row["water_pareto"] for row in skipped)
-    lines = (tmp_path / "tradeoff.csv").read_text().splitlines()
+    lines = (prepared_folder / "tradeoff.csv").read_text().splitlines()
     assert sum("skipped: budget" in line for line in lines) == len(skipped)
 
 
-def test_rows_are_kept_when_the_study_is_interrupted(small_scene: Path, tmp_path: Path, monkeypatch) -> None:
+def test_rows_are_kept_when_the_study_is_interrupted(small_scene: Path, prepared_folder: Path, monkeypatch) -> None:
     append, written = tradeoff.append_row, []
 
     def interrupted(path: Path, row) -> None:
@@ -150,13 +150,13 @@ def test_rows_are_kept_when_the_study_is_interrupted(small_scene: Path, tmp_path
 
     monkeypatch.setattr(tradeoff, "append_row", interrupted)
     with pytest.raises(KeyboardInterrupt):
-        run(small_scene, tmp_path, maps=(16,))
-    with (tmp_path / "tradeoff.csv").open() as file:
+        run(small_scene, prepared_folder, maps=(16,))
+    with (prepared_folder / "tradeoff.csv").open() as file:
         lines = list(csv.DictReader(file))
     assert [line["status"] for line in lines] == [row.status for row in written]
 
 
-def test_a_setting_that_fails_stays_in_the_table(small_scene: Path, tmp_path: Path, monkeypatch) -> None:
+def test_a_setting_that_fails_stays_in_the_table(small_scene: Path, prepared_folder: Path, monkeypatch) -> None:
     from leafwarp.errors import SimulationError
 
     run_trial = tradeoff.run_trial
@@ -167,7 +167,7 @@ def test_a_setting_that_fails_stays_in_the_table(small_scene: Path, tmp_path: Pa
         return run_trial(scene, leaf, setting, *rest)
 
     monkeypatch.setattr(tradeoff, "run_trial", failing)
-    result = run(small_scene, tmp_path, maps=(16,), step_factors=(4.0,))
+    result = run(small_scene, prepared_folder, maps=(16,), step_factors=(4.0,))
     assert sorted(row["status"] for row in result["settings"]) == [
         "done", "failed: frame 2: motion: too hard", "failed: frame 2: motion: too hard", "reference",
     ]  # fmt: skip
@@ -200,12 +200,12 @@ def test_a_bad_budget_is_refused(small_scene: Path, tmp_path: Path, capsys, budg
 
 
 def test_without_matplotlib_the_table_is_written_and_the_extra_is_named(
-    small_scene: Path, tmp_path: Path, monkeypatch, capsys
+    small_scene: Path, prepared_folder: Path, monkeypatch, capsys
 ) -> None:
     monkeypatch.setattr(tradeoff, "find_spec", lambda name: None)
-    run(small_scene, tmp_path, budget=0.001, maps=(16,))
+    run(small_scene, prepared_folder, budget=0.001, maps=(16,))
     assert "leafwarp[plot]" in capsys.readouterr().err
-    assert (tmp_path / "tradeoff.json").exists() and not (tmp_path / "tradeoff.png").exists()
+    assert (prepared_folder / "tradeoff.json").exists() and not (prepared_folder / "tradeoff.png").exists()
 
 
 def test_pareto_front_of_points_made_by_hand() -> None:
@@ -270,7 +270,7 @@ def test_maps_keep_the_scenes_proportions() -> None:
     assert tradeoff.map_sizes((1, 300), (16,)) == [(1, 16)]
 
 
-def test_a_scene_that_knows_double_precision_alone_is_measured_in_it(small_scene: Path, tmp_path: Path) -> None:
+def test_a_scene_that_knows_double_precision_alone_is_measured_in_it(small_scene: Path, prepared_folder: Path) -> None:
     changes = ("motion.method='quasistatic'", "time.frames=3")
-    table = run(small_scene, tmp_path, changes, maps=(16,), step_factors=(1.0,))
+    table = run(small_scene, prepared_folder, changes, maps=(16,), step_factors=(1.0,))
     assert table["settings"] and {row["precision"] for row in table["settings"]} == {"float64"}

@@ -23,6 +23,7 @@ from leafwarp.study.verify.plate import Plate, plate_drops, rolled_plate
 KEYS = {"case", "quantity", "expected", "got", "error", "tolerance", "pass"}
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("case", cases.CASES, ids=lambda case: case.name)
 def test_case(case: Case, device: str) -> None:
     result = table.Result(case, tuple(case.run(device)), 0.0)

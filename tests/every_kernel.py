@@ -1,0 +1,20 @@
+"""The kernels of the project, module by module."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+
+import warp as wp
+
+import leafwarp_kernels
+from leafwarp.sim.launch import REAL, specialise
+
+MODULES = sorted(module.name for module in pkgutil.iter_modules(leafwarp_kernels.__path__))
+
+
+def kernels_of(name: str) -> list[wp.Kernel]:
+    """The kernels of a module, each in every precision; none where it only holds what others use."""
+    module = importlib.import_module(f"leafwarp_kernels.{name}")
+    kernels = [v for v in vars(module).values() if isinstance(v, wp.Kernel) and v.module.name == module.__name__]
+    return [specialise(kernel, precision) for kernel in kernels for precision in REAL]
