@@ -10,7 +10,6 @@ import numpy as np
 import pytest
 from pxr import Kind, Usd, UsdGeom, UsdShade
 
-from benchmarks import leaves_count
 from leafwarp.cli import main
 from leafwarp.errors import InputError
 from leafwarp.leaf.arrange import arrange_leaves, axis_angle, grid_cell
@@ -415,16 +414,6 @@ def test_prescribed_water_and_tradeoff_refuse_what_they_cannot_do(small_scene, t
     data["leaves"]["water"] = 0.1
     with pytest.raises(InputError, match=r"leaves\.water needs \[fluid\]"):
         Scene.checked(data, "scene")
-
-
-def test_the_benchmark_prints_a_row_for_each_number_of_leaves(capsys) -> None:
-    leaves_count.main(["--counts", "1", "3", "--repeats", "2"])
-    lines = capsys.readouterr().out.splitlines()
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
-    assert [row[0] for row in rows[2:]] == ["1", "3"]
-    assert all(float(row[-1]) > 0.0 for row in rows[2:])
-    assert leaves_count.fitted_exponent([1, 10, 100], [3.0, 30.0, 300.0]) == pytest.approx(1.0)
-    assert leaves_count.fitted_exponent([1, 4, 16], [5.0, 10.0, 20.0]) == pytest.approx(0.5)
 
 
 def test_a_scene_without_leaves_loads_nothing_of_them(small_scene, tmp_path) -> None:
