@@ -9,10 +9,11 @@ import cv2
 import numpy as np
 import pytest
 from pxr import Kind, Usd, UsdGeom, UsdShade
+from scipy.spatial import cKDTree
 
 from leafwarp.cli import main
 from leafwarp.errors import InputError
-from leafwarp.leaf.arrange import arrange_leaves, axis_angle, grid_cell
+from leafwarp.leaf.arrange import arrange_leaves, axis_angle, grid_cell, least_spacing
 from leafwarp.leaf.leaves import gather_leaves
 from leafwarp.render.contact_sheet import ContactSheet, stacked_textures
 from leafwarp.scene import Scene
@@ -104,10 +105,11 @@ def drawn(specimen) -> tuple:
 
 
 def test_one_amount_leaves_the_others_as_they_are(small_scene, scene_leaf) -> None:
+    """Where the spacing is given: the usual one keeps leaves of any draw apart."""
     leaf = scene_leaf(changed(small_scene))
-    varied = specimens_of(LeavesTable(**VARIED, count=6), leaf)
+    varied = specimens_of(LeavesTable(**VARIED, count=6, spacing=0.1), leaf)
     for name in VARIED:
-        without = specimens_of(LeavesTable(**(VARIED | {name: 0.0}), count=6), leaf)
+        without = specimens_of(LeavesTable(**(VARIED | {name: 0.0}), count=6, spacing=0.1), leaf)
         kept = [field for field in ("size", "stiffness", "water", "seed", "place") if field != name]
         assert [[getattr(s, k) for k in kept] for s in without] == [[getattr(s, k) for k in kept] for s in varied]
 
@@ -134,6 +136,49 @@ def test_the_grid_is_square_and_keeps_its_places() -> None:
     for side in (1, 2, 7):
         cells = [grid_cell(index) for index in range(side * side)]
         assert sorted(cells) == [(column, row) for column in range(side) for row in range(side)]
+
+
+@pytest.mark.parametrize(
+    "amounts",
+    [
+        {},
+        {"turn": 180.0},
+        {"turn": 60.0, "size": 0.9},
+        {"turn": 180.0, "size": 0.5, "tilt": 30.0, "roll": 180.0},
+        {"tilt": 180.0},
+    ],
+    ids=["alike", "any-direction", "sizes", "rolled", "tipped-over"],
+)
+def test_leaves_of_a_grid_do_not_touch(amounts: dict, two_photos, scene_leaf) -> None:
+    """Seen from above, with a free strip between any two."""
+    photos = scene_leaf(changed(two_photos)).photos
+    tables = [LeafTable(image="leaf.png", length=0.1)] * 2
+    length = max(photo.length for photo in photos)
+    for some in (photos[:1], photos):
+        table = LeavesTable(**amounts, count=400)
+        leaves = arrange_leaves(table, some, tables)
+        seen = [
+            (specimen.size * np.pad(some[index].mesh.positions, ((0, 0), (0, 1)))) @ turned(specimen).T + specimen.place
+            for index, specimen in zip(leaves.photo_of, leaves.specimens, strict=True)
+        ]
+        points = np.concatenate(seen)[:, :2]
+        owner = np.repeat(np.arange(len(seen)), [len(one) for one in seen])
+        close = cKDTree(points).query_pairs(0.05 * length, output_type="ndarray")
+        assert len(close) > 0 and np.array_equal(owner[close[:, 0]], owner[close[:, 1]])
+
+
+def turned(specimen) -> np.ndarray:
+    return np.eye(3) if specimen.rotation is None else specimen.rotation
+
+
+def test_alike_leaves_lie_close_and_turned_ones_as_close_as_two_lengths_allow(small_scene, scene_leaf) -> None:
+    leaf = scene_leaf(changed(small_scene))
+    reach = np.linalg.norm(leaf.mesh.positions, axis=1).max()
+    assert least_spacing(LeavesTable(count=2), [leaf]) < 1.3 * reach
+    assert 2.0 * reach <= least_spacing(LeavesTable(count=2, turn=180.0), [leaf]) < 2.3 * reach
+    assert least_spacing(LeavesTable(count=2, turn=180.0, size=0.5), [leaf]) == pytest.approx(
+        1.5 * least_spacing(LeavesTable(count=2, turn=180.0), [leaf])
+    )
 
 
 def test_no_water_passes_from_leaf_to_leaf(small_scene, scene_leaf, device, precision) -> None:
