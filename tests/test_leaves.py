@@ -439,6 +439,15 @@ def test_maps_follow_the_mesh_and_finer_ones_are_told(small_scene) -> None:
     assert "usual: 64, in 6%" in warning
 
 
+def test_a_key_set_of_several_photos_is_set_of_each(two_photos) -> None:
+    scene = load_scene(two_photos, ["leaf.camber=0.03", "leaf.length=5 cm"])
+    assert [(photo.camber, photo.length) for photo in scene.photos] == [(0.03, 0.05)] * 2
+    with pytest.raises(InputError, match=r"leaf\.camber = 7\.0: accepted: 0 to 0\.5"):
+        load_scene(two_photos, ["leaf.camber=7.0"])
+    with pytest.raises(InputError, match=r"--set time\.frames\.first: 'frames' is a value, not a table"):
+        load_scene(two_photos, ["time.frames.first=1"])
+
+
 def test_the_schema_knows_several_photos(two_photos) -> None:
     schema = Scene.model_json_schema()
     one, many = schema["properties"]["leaf"]["anyOf"]
