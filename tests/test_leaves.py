@@ -14,7 +14,7 @@ from scipy.spatial import cKDTree
 from leafwarp.cli import main
 from leafwarp.errors import InputError
 from leafwarp.leaf.arrange import arrange_leaves, axis_angle, grid_cell, least_spacing
-from leafwarp.leaf.leaves import gather_leaves
+from leafwarp.leaf.leaves import Leaves, gather_leaves
 from leafwarp.render.contact_sheet import ContactSheet, stacked_textures
 from leafwarp.scene import Scene
 from leafwarp.scene.file import load_scene
@@ -58,6 +58,27 @@ def test_alike_leaves_move_as_one_alone(small_scene, scene_leaf, device, precisi
                     assert np.array_equal(found, expected), name
                 else:  # the factor of more cells is made in another order
                     assert found == pytest.approx(expected, abs=ROUNDING["float32"])
+
+
+@pytest.mark.parametrize("scene", ["small_scene", "two_photos"])
+def test_leaves_move_alike_group_by_group_and_all_at_once(scene, request, scene_leaf, device, monkeypatch) -> None:
+    scene = changed(request.getfixturevalue(scene), leaves=VARIED | {"count": 70}, mesh__vertices=60, time__frames=3)
+    leaves = scene_leaf(scene)
+    groups = leaves.vertex_groups
+    photos = len(leaves.photos)
+    assert [own.stop for own in groups] == [
+        *(leaves.vertex_slices[count - 1].stop for count in range(32 * photos, 70, 32 * photos)),
+        leaves.mesh.vertex_count,
+    ]
+    grouped, frames = computed(scene, leaves, device)
+    monkeypatch.setattr(Leaves, "vertex_groups", (slice(0, leaves.mesh.vertex_count),))
+    at_once, frames_at_once = computed(scene, leaves, device)
+    if not grouped.state.many_threads:
+        assert len(grouped.stage("integration").parts) == len(groups) > 1
+        assert len(at_once.stage("integration").parts) == 1
+    assert np.ptp(frames[-1].points - frames[0].points) > 1e-4  # they move [m]
+    for one, other in zip(frames, frames_at_once, strict=True):
+        assert one.points.tobytes() == other.points.tobytes()
 
 
 def test_varied_leaves_do_not_feel_each_other(small_scene, scene_leaf, device, precision) -> None:
