@@ -1,47 +1,104 @@
-"""``python -m benchmarks [NAME] [options]``: the paper's Table II, or another benchmark by its name."""
+"""``python -m benchmarks [NAME] [options]``: the paper's Table II, or another benchmark by its name.
+
+A benchmark is a module with
+
+- ``TITLE``, the heading of its section of the results,
+- ``QUICK``, what its quick form leaves out; without it there is none,
+- ``ROUNDS``, the measurements of everything, in full and in the quick form; without it there is no choice,
+- ``OPTIONS``, its own options: what :meth:`argparse.ArgumentParser.add_argument` takes, by their names,
+- ``make_body(options)``, which measures and returns the tables as Markdown.
+"""
 
 from __future__ import annotations
 
+import argparse
 import sys
-from importlib import import_module
+from collections.abc import Sequence
+from pathlib import Path
 
-# Each has ``main(arguments)``; what it does is said by its docstring.
-PLACES = {
-    "table2": "benchmarks.table2",
-    "fluid": "benchmarks.fluid",
-    "structure": "benchmarks.structure",
-    "scaling": "benchmarks.scaling",
-    "memory": "benchmarks.memory",
-    "startup": "benchmarks.startup",
-    "peers": "benchmarks.peers.motion",
+from benchmarks import fluid, memory, scaling, startup, structure, table2
+from benchmarks.peers import motion as peers
+from benchmarks.results import describe_machine, write_section
+from leafwarp.errors import InputError
+from leafwarp.sim.launch import check_device
+
+BENCHMARKS = {
+    "table2": table2,
+    "fluid": fluid,
+    "structure": structure,
+    "scaling": scaling,
+    "memory": memory,
+    "startup": startup,
+    "peers": peers,
 }
-USAGE = """usage: python -m benchmarks [NAME] [--quick] [--write] [other options of the benchmark]
-
-  table2     the paper's Table II: one complete update step (this one without a name)
-  fluid      one split step, beside a scalar thread a line, LAPACK, NumPy, SciPy and FiPy (where installed)
-  structure  one substep of explicit motion, beside plain kernels, and Newton (--newton PYTHON)
-  scaling    cost against cells and vertices, with fitted exponents
-  memory     arrays and peak memory against cells and vertices
-  startup    help, first frame and end of a run, warm and cold
-  peers      one simulated second beside Blender (--blender PYTHON) and Newton (--newton PYTHON)
-  all        all but the last
-
---quick ends in seconds and measures little; --write keeps the table in benchmarks/RESULTS.md; NAME --help says more.
-"""
+UNNAMED = "table2"
+ALL = tuple(name for name in BENCHMARKS if name != "peers")
 
 
-def main(arguments: list[str]) -> int:
+def make_parser() -> argparse.ArgumentParser:
+    """The parser of the command line."""
+    parser = argparse.ArgumentParser(
+        prog="python -m benchmarks",
+        description="Measure and print tables in Markdown.",
+        epilog=f"Without a name: {UNNAMED}. NAME --help lists the options of a benchmark.",
+    )
+    names = parser.add_subparsers(dest="name", metavar="NAME")
+    for name, module in BENCHMARKS.items():
+        summary = module.__doc__.partition("\n")[0]
+        one = names.add_parser(name, help=summary, description=summary)
+        one.set_defaults(device="cpu")
+        if hasattr(module, "ROUNDS"):
+            one.add_argument("--rounds", type=int, help=f"measurements of each (default: {module.ROUNDS[0]})")
+        for option, settings in module.OPTIONS.items():
+            one.add_argument(option, **settings)
+        if hasattr(module, "QUICK"):
+            one.add_argument("--quick", action="store_true", help=module.QUICK)
+        _add_write(one)
+    every = names.add_parser("all", help=f"all but peers: {', '.join(ALL)}")
+    every.add_argument("--quick", action="store_true", help="the quick form of each")
+    _add_write(every)
+    return parser
+
+
+def _add_write(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--write", action="store_true", help="keep the tables in benchmarks/RESULTS.md")
+
+
+def spelled(arguments: Sequence[str], options: argparse.Namespace) -> str:
+    """The command as it was typed, but for the paths of interpreters."""
+    paths = {str(value) for value in vars(options).values() if isinstance(value, Path)}
+    return " ".join(["python -m benchmarks", *("PYTHON" if word in paths else word for word in arguments)])
+
+
+def run(name: str, options: argparse.Namespace, command: str) -> None:
+    """Measure, print, and on ``--write`` keep the tables of one benchmark."""
+    module = BENCHMARKS[name]
+    if hasattr(module, "ROUNDS"):
+        options.rounds = options.rounds or module.ROUNDS[options.quick]
+    body = (
+        f"{module.make_body(options).strip()}\n\nCommand: `{command}`. Machine: {describe_machine(options.device)}.\n"
+    )
+    print(body)
+    if options.write:
+        write_section(module.TITLE, body)
+
+
+def main(arguments: Sequence[str]) -> int:
     """Run one benchmark, or all of them."""
-    if arguments and arguments[0] in ("-h", "--help"):
-        print(USAGE, end="")
+    parser = make_parser()
+    unnamed = not arguments or (arguments[0].startswith("-") and arguments[0] not in ("-h", "--help"))
+    given = [UNNAMED, *arguments] if unnamed else list(arguments)
+    options = parser.parse_args(given)
+    if options.name == "all":
+        for name in ALL:
+            own = [name, *given[1:]]
+            run(name, parser.parse_args(own), spelled(own, options))
         return 0
-    named = bool(arguments) and not arguments[0].startswith("-")
-    name, options = (arguments[0], arguments[1:]) if named else ("table2", arguments)
-    if name != "all" and name not in PLACES:
-        print(f"benchmarks: '{name}' is not accepted; accepted: {', '.join(PLACES)}, all", file=sys.stderr)
-        return 2
-    for each in [name] if name != "all" else [each for each in PLACES if each != "peers"]:
-        import_module(PLACES[each]).main(options)
+    try:
+        options.device = check_device(options.device)
+    except InputError as error:
+        parser.error(str(error))
+    run(options.name, options, spelled(arguments, options))
     return 0
 
 

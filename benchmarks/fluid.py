@@ -19,7 +19,6 @@ import warp as wp
 
 from benchmarks import fluid_contenders as ways
 from benchmarks.fluid_contenders import Problem
-from benchmarks.results import describe_machine, write_section
 from benchmarks.table2 import SCENE
 from benchmarks.timing import Timing, round_robin
 from leafwarp.leaf.leaf import Leaf
@@ -30,7 +29,9 @@ from leafwarp.scene.file import load_scene
 TITLE = "Fluid: one split step"
 SIZES = (128, 256, 512, 1024, 2048)
 QUICK_SIZES = (64,)
-ROUNDS, QUICK_ROUNDS = 21, 3
+QUICK = "one small map, few rounds"
+ROUNDS = (21, 3)
+OPTIONS = {"--sizes": {"type": int, "nargs": "+", "metavar": "CELLS", "help": f"cells across (default: {SIZES})"}}
 OURS, STREAM = "leafwarp, 32 lines at a time", "plain copy of the bytes a step must move"
 
 
@@ -149,30 +150,15 @@ def left_out(sizes: tuple[int, ...]) -> str:
     return "\n".join(f"- {reason}" for reason in reasons) + "\n"
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Measure, print, and on ``--write`` keep the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks fluid", description=__doc__.partition("\n")[0])
-    parser.add_argument("--sizes", type=int, nargs="+", help=f"cells across (default: {SIZES})")
-    parser.add_argument("--rounds", type=int, help=f"measurements of each (default: {ROUNDS})")
-    parser.add_argument("--quick", action="store_true", help="one small map, few rounds")
-    parser.add_argument("--write", action="store_true", help="keep the table in benchmarks/RESULTS.md")
-    options = parser.parse_args(arguments)
+def make_body(options: argparse.Namespace) -> str:
+    """The table, with what it shows."""
     sizes = tuple(options.sizes or (QUICK_SIZES if options.quick else SIZES))
-    rounds = options.rounds or (QUICK_ROUNDS if options.quick else ROUNDS)
     scene = load_scene(SCENE).with_changes({"maps.size": max(sizes), "output.contact_sheet": False})
     leaf = prepare_scene_leaf(scene, None)
-    body = (
-        f"Milliseconds: median (and middle half) of {rounds} measurements, taken in turns; ratios are taken round by "
-        "round. float32 on one thread where nothing else is said. The largest difference is that of the contents "
-        "(0 to 1) after one step from a split step in float64, one scalar thread a line; for unsplit steps, which "
-        f"solve rows and columns at once, from SciPy's. `scenes/bramble.toml`, a step of {scene.fluid.step:g} s.\n\n"
-        f"{make_table(scene, leaf, sizes, rounds)}\n{left_out(sizes)}\n"
-        f"Command: `python -m benchmarks fluid --write`. Machine: {describe_machine('cpu')}.\n"
+    return (
+        f"Milliseconds: median (and middle half) of {options.rounds} measurements, taken in turns; ratios are taken "
+        "round by round. float32 on one thread where nothing else is said. The largest difference is that of the "
+        "contents (0 to 1) after one step from a split step in float64, one scalar thread a line; for unsplit steps, "
+        "which solve rows and columns at once, from SciPy's. `scenes/bramble.toml`, a step of "
+        f"{scene.fluid.step:g} s.\n\n{make_table(scene, leaf, sizes, options.rounds)}\n{left_out(sizes)}"
     )
-    print(body)
-    if options.write:
-        write_section(TITLE, body)
-
-
-if __name__ == "__main__":
-    main()

@@ -9,10 +9,11 @@ import sys
 import tempfile
 from pathlib import Path
 
-from benchmarks.results import describe_machine, write_section
 from benchmarks.startup import ENVIRONMENT, scene_command
 
 TITLE = "Memory"
+QUICK = "one small size"
+OPTIONS: dict[str, dict] = {}
 # Cells across and vertices.
 SIZES = ((128, 1707), (256, 1707), (512, 1707), (1024, 1707), (2048, 1707), (256, 500), (256, 5000), (256, 20_000))
 QUICK_SIZES = ((32, 200),)
@@ -35,12 +36,8 @@ def measure(cells: int, vertices: int, folder: Path) -> dict[str, int]:
     return json.loads(done.stdout)["memory"]
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Measure, print, and on ``--write`` keep the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks memory", description=__doc__.partition("\n")[0])
-    parser.add_argument("--quick", action="store_true", help="one small size")
-    parser.add_argument("--write", action="store_true", help="keep the table in benchmarks/RESULTS.md")
-    options = parser.parse_args(arguments)
+def make_body(options: argparse.Namespace) -> str:
+    """The table, with what it shows."""
     rows = [
         "| map | vertices | arrays [MB] | peak, leaf prepared before [MB] | peak, leaf made anew [MB] |",
         "|---:|---:|---:|---:|---:|",
@@ -51,15 +48,7 @@ def main(arguments: list[str] | None = None) -> None:
         arrays, peaks = again["arrays_bytes"] / 1e6, [run["peak_bytes"] for run in (again, anew)]
         shown = " | ".join("" if peak is None else f"{peak / 1e6:.0f}" for peak in peaks)
         rows.append(f"| {cells} | {vertices} | {arrays:.3g} | {shown} |")
-    body = (
+    return (
         "`scenes/bramble.toml` to its first frame, float32, without the contact sheet, which has arrays of its own. "
-        "The peak is that of the whole process, with Python and its libraries.\n\n" + "\n".join(rows) + "\n\n"
-        f"Command: `python -m benchmarks memory --write`. Machine: {describe_machine('cpu')}.\n"
+        "The peak is that of the whole process, with Python and its libraries.\n\n" + "\n".join(rows)
     )
-    print(body)
-    if options.write:
-        write_section(TITLE, body)
-
-
-if __name__ == "__main__":
-    main()

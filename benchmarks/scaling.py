@@ -1,26 +1,39 @@
-"""How cost grows: a fluid step with the cells of the map, a substep with the vertices of the mesh.
+"""How cost grows: a fluid step with the cells of the map, a substep with the vertices of the mesh, a frame with leaves.
 
-The leaf is drawn, so that it can be made in any size: an ellipse with a midrib, and a strip of nearly equilateral
-triangles.
+One leaf is drawn, so that it can be made in any size: an ellipse with a midrib, and a strip of nearly equilateral
+triangles. Many leaves are those of ``scenes/many.toml``.
 """
 
 from __future__ import annotations
 
 import argparse
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 
-from benchmarks.results import describe_machine, write_section
 from benchmarks.structure import Structure
 from benchmarks.timing import Timing, exponent, round_robin
 from leafwarp.leaf.mesh.topology import mesh_from_triangles
+from leafwarp.prepare import prepare_scene_leaf
+from leafwarp.scene import Scene
+from leafwarp.scene.file import load_scene
+from leafwarp.sim.simulation import Simulation
 from leafwarp.study.verify.drawn_fluid import Sample, ellipse, make_sample
 from leafwarp.study.verify.drawn_leaf import leaf_of, scene_of, strip_triangles
 
 TITLE = "Scaling: cost against size"
+QUICK = "small sizes, few rounds"
 MAPS, QUICK_MAPS = (128, 256, 512, 1024, 2048, 4096), (32, 64, 128)
 VERTICES, QUICK_VERTICES = (200, 500, 1700, 5000, 20_000, 100_000), (100, 200, 400)
-ROUNDS, QUICK_ROUNDS = 11, 3
+LEAVES, QUICK_LEAVES = (1, 10, 100, 1000), (1, 2, 4)
+ROUNDS = (11, 3)
+OPTIONS = {
+    "--leaves": {"type": int, "nargs": "+", "metavar": "COUNT", "help": f"numbers of leaves (default: {LEAVES})"},
+    "--device": {"default": "cpu", "help": "Warp device of the many leaves: cpu (default), cuda:0, ..."},
+}
+PARTS = ("fluid step", "coupling", "substep", "frame")
+MANY = Path(__file__).parent.parent / "scenes" / "many.toml"
 LENGTH, WIDTH = 0.1, 0.05  # [m] of the strip
 STEP = 15.0  # [s] of plant time
 
@@ -52,61 +65,126 @@ def structure(vertices: int) -> tuple[Structure, int, int]:
 def fluid_rows(sizes: tuple[int, ...], rounds: int) -> list[str]:
     """Table of the fluid step."""
     samples = {cells: fluid(cells) for cells in sizes}
-    work = {str(cells): (lambda s=sample: s.stages["split_diffusion"].run()) for cells, sample in samples.items()}
-    timings = round_robin(work, rounds)
+    timings = round_robin({cells: sample.stages["split_diffusion"].run for cells, sample in samples.items()}, rounds)
     rows = ["| map | leaf cells | fluid step [ms] | ns a leaf cell | arrays [MB] |", "|---:|---:|---:|---:|---:|"]
     counts = []
     for cells, sample in samples.items():
         count = int(sample.leaf.mask.sum())
-        timing, megabytes = timings[str(cells)], sample.state.byte_count / 1e6
+        timing, megabytes = timings[cells], sample.state.byte_count / 1e6
         rows.append(f"| {cells} | {count} | {timing} | {1e6 * timing.median / count:.3g} | {megabytes:.3g} |")
         counts.append(count)
-    return [*rows, "", grown("leaf cells", counts, list(timings.values()))]
+    return [*rows, "", f"A fluid step: {grown('leaf cells', counts, list(timings.values()))}"]
 
 
 def structure_rows(sizes: tuple[int, ...], rounds: int) -> list[str]:
     """Table of the substep."""
     made = [structure(vertices) for vertices in sizes]
-    substeps = [one.advance() for one, _, _ in made]
-    laps = round_robin({str(count): one.advance for one, count, _ in made}, rounds)
-    timings = [Timing(tuple(v / n for v in lap.milliseconds)) for lap, n in zip(laps.values(), substeps, strict=True)]
+    timings = list(round_robin({count: one.advance for one, count, _ in made}, rounds).values())
     rows = ["| vertices | springs | substep [ms] | ns a spring | arrays [MB] |", "|---:|---:|---:|---:|---:|"]
     for (one, vertices, springs), timing in zip(made, timings, strict=True):
         each, megabytes = 1e6 * timing.median / springs, one.state.byte_count / 1e6
         rows.append(f"| {vertices} | {springs} | {timing} | {each:.3g} | {megabytes:.3g} |")
-    return [*rows, "", grown("springs", [springs for _, _, springs in made], timings)]
+    return [*rows, "", f"A substep: {grown('springs', [springs for _, _, springs in made], timings)}"]
 
 
-def grown(what: str, counts: list[int], timings: list[Timing]) -> str:
+class Leaves:
+    """The frames of many leaves.
+
+    Args:
+        scene: The scene; its count is replaced.
+        count: Number of leaves.
+        device: Warp device.
+    """
+
+    def __init__(self, scene: Scene, count: int, device: str):
+        scene = scene.with_changes({"leaves.count": count})
+        self.simulation = Simulation(scene, prepare_scene_leaf(scene, None), device)
+        self._frame = 1
+
+    def advance(self) -> dict[str, float]:
+        """Compute the next frame.
+
+        Returns:
+            Milliseconds of a fluid step, of the coupling, of a substep and of the whole frame.
+        """
+        simulation = self.simulation
+        self._frame += 1
+        before, steps = self._seconds(), simulation.fluid.steps_done
+        simulation.advance(self._frame)
+        simulation.read_frame(self._frame)
+        fluid, coupling, motion, rest = (now - then for now, then in zip(self._seconds(), before, strict=True))
+        parts = (
+            fluid / (simulation.fluid.steps_done - steps),
+            coupling,
+            motion / simulation.substeps[-1],
+            fluid + coupling + motion + rest,
+        )
+        return {name: 1e3 * seconds for name, seconds in zip(PARTS, parts, strict=True)}
+
+    def _seconds(self) -> tuple[float, float, float, float]:
+        simulation = self.simulation
+        groups = (simulation.group_seconds("fluid"), simulation.group_seconds("coupling"))
+        return (*groups, *(simulation.watch.seconds.get(name, 0.0) for name in ("motion", "frame")))
+
+
+def leaves_rows(counts: tuple[int, ...], rounds: int, device: str) -> list[str]:
+    """Table of the frames of many leaves; all numbers of them take turns, after a frame that is not timed."""
+    # As many frames as are measured, an hour each.
+    scene = load_scene(MANY).with_changes({"time.frames": rounds + 2, "time.duration": 3600.0 * (rounds + 1)})
+    made = {count: Leaves(scene, count, device) for count in counts}
+    laps: dict[int, list[dict[str, float]]] = {count: [] for count in counts}
+    for turn in range(rounds + 1):
+        for count, one in made.items():
+            lap = one.advance()
+            if turn > 0:
+                laps[count].append(lap)
+    rows = [
+        "| leaves | fluid step [ms] | coupling [ms] | substep [ms] | one of each, a leaf [µs] | substeps | "
+        "frame [ms] | frame, a leaf [ms] | arrays [MB] |",
+        "|---:|---:|---:|---:|---:|---:|---:|---:|---:|",
+    ]
+    steps, frames = [], []
+    for count, one in made.items():
+        parts = [Timing(tuple(lap[name] for lap in laps[count])) for name in PARTS]
+        step, frame = parts[0] + parts[1] + parts[2], parts[3]
+        substeps, megabytes = one.simulation.substeps[-1], one.simulation.state.byte_count / 1e6
+        columns = " | ".join(str(part) for part in parts[:3])
+        rows.append(
+            f"| {count} | {columns} | {1e3 * step.median / count:.3g} | {substeps} | {frame} | "
+            f"{frame.median / count:.3g} | {megabytes:.3g} |"
+        )
+        steps.append(step)
+        frames.append(frame)
+    return [*rows, "", f"One of each: {grown('leaves', counts, steps)}", f"A frame: {grown('leaves', counts, frames)}"]
+
+
+def grown(what: str, counts: Sequence[int], timings: Sequence[Timing]) -> str:
     """The exponent fitted to all sizes, and to the larger half of them."""
     medians = [timing.median for timing in timings]
     half = len(counts) // 2
-    whole, large = exponent(counts, medians), exponent(counts[half:], medians[half:])
-    return f"Time grows with the power {whole:.2f} of the {what}, over the larger half of the sizes {large:.2f}.\n"
-
-
-def main(arguments: list[str] | None = None) -> None:
-    """Measure, print, and on ``--write`` keep the tables."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks scaling", description=__doc__.partition("\n")[0])
-    parser.add_argument("--rounds", type=int, help=f"measurements of each (default: {ROUNDS})")
-    parser.add_argument("--quick", action="store_true", help="small sizes, few rounds")
-    parser.add_argument("--write", action="store_true", help="keep the tables in benchmarks/RESULTS.md")
-    options = parser.parse_args(arguments)
-    rounds = options.rounds or (QUICK_ROUNDS if options.quick else ROUNDS)
-    tables = [
-        *fluid_rows(QUICK_MAPS if options.quick else MAPS, rounds),
-        *structure_rows(QUICK_VERTICES if options.quick else VERTICES, rounds),
+    fits = [
+        f"{exponent(some, times):.2f}"
+        for some, times in ((counts, medians), (counts[half:], medians[half:]))
+        if len(some) > 1
     ]
-    body = (
-        f"Median (and middle half) of {rounds} measurements, all sizes in turns, float32, on a drawn leaf: the split "
-        "scheme without transpiration or source; springs, hinges, weight and drag, a frame's checks included.\n\n"
-        + "\n".join(tables)
-        + f"\nCommand: `python -m benchmarks scaling --write`. Machine: {describe_machine('cpu')}.\n"
+    if not fits:
+        return "one size shows no growth.\n"
+    larger = f", over the larger half of the sizes {fits[1]}" if len(fits) > 1 else ""
+    return f"time grows with the power {fits[0]} of the {what}{larger}.\n"
+
+
+def make_body(options: argparse.Namespace) -> str:
+    """The tables, with what they show."""
+    tables = [
+        *fluid_rows(QUICK_MAPS if options.quick else MAPS, options.rounds),
+        *structure_rows(QUICK_VERTICES if options.quick else VERTICES, options.rounds),
+        *leaves_rows(
+            tuple(options.leaves or (QUICK_LEAVES if options.quick else LEAVES)), options.rounds, options.device
+        ),
+    ]
+    return (
+        f"Median (and middle half) of {options.rounds} measurements, all sizes in turns, float32. One leaf is drawn: "
+        "the split scheme without transpiration or source; springs, hinges, weight and drag, a frame's checks "
+        "included. Many leaves are those of `scenes/many.toml` (200 vertices and 64 x 64 cells each), whole frames of "
+        "an hour, 60 fluid steps each; the stiffest leaf decides the substeps.\n\n" + "\n".join(tables)
     )
-    print(body)
-    if options.write:
-        write_section(TITLE, body)
-
-
-if __name__ == "__main__":
-    main()

@@ -13,13 +13,14 @@ import tempfile
 import time
 from pathlib import Path
 
-from benchmarks.results import describe_machine, write_section
 from benchmarks.timing import Timing
 
 TITLE = "Start-up"
+QUICK = "one small scene, once"
+ROUNDS = (7, 1)
+OPTIONS: dict[str, dict] = {}
 ROOT = Path(__file__).parent.parent
 SCENES, QUICK_SCENES = ("bramble", "tree", "still"), ("still",)
-ROUNDS, QUICK_ROUNDS = 7, 1
 IMPORTS = "import warp, numpy, cv2, pxr.Usd, pydantic; warp.init()"
 LIBRARIES = f"the libraries alone: `python -c '{IMPORTS}'`"
 ENVIRONMENT = {**os.environ, "PYTHONPATH": os.pathsep.join([str(ROOT), str(ROOT / "kernels")])}
@@ -33,7 +34,7 @@ def run(arguments: list[str], kernels: Path) -> tuple[float, float | None]:
         kernels: Folder where compiled kernels are kept.
 
     Returns:
-        Wall time to the end and to the line of the first frame on stderr, None where there is none [ms].
+        Wall time to the end and to the line of the first frame on stderr, None where there is none [s].
     """
     environment = ENVIRONMENT | {"WARP_CACHE_PATH": str(kernels)}
     command = [sys.executable, *arguments]
@@ -46,8 +47,8 @@ def run(arguments: list[str], kernels: Path) -> tuple[float, float | None]:
         for line in process.stderr:
             said.append(line)
             if first is None and line.startswith("frame "):
-                first = 1e3 * (time.perf_counter() - begin)
-    total = 1e3 * (time.perf_counter() - begin)
+                first = time.perf_counter() - begin
+    total = time.perf_counter() - begin
     if process.returncode != 0:
         sys.exit(f"{' '.join(command)}: exit code {process.returncode}\n{''.join(said)}")
     return total, first
@@ -94,32 +95,13 @@ def measure(scenes: tuple[str, ...], rounds: int) -> dict[str, tuple[Timing, Tim
     }
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Measure, print, and on ``--write`` keep the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks startup", description=__doc__.partition("\n")[0])
-    parser.add_argument("--rounds", type=int, help=f"measurements of each (default: {ROUNDS})")
-    parser.add_argument("--quick", action="store_true", help="one small scene, once")
-    parser.add_argument("--write", action="store_true", help="keep the table in benchmarks/RESULTS.md")
-    options = parser.parse_args(arguments)
-    rounds = options.rounds or (QUICK_ROUNDS if options.quick else ROUNDS)
+def make_body(options: argparse.Namespace) -> str:
+    """The table, with what it shows."""
     rows = ["| command | to the first frame [s] | to the end [s] |", "|---|---:|---:|"]
-    for name, (total, first) in measure(QUICK_SCENES if options.quick else SCENES, rounds).items():
-        rows.append(f"| {name} | {'' if first is None else seconds(first)} | {seconds(total)} |")
-    body = (
-        f"Seconds: median (and middle half) of {rounds} fresh processes, all commands in turns. Warm: leaf and kernels "
-        "of an earlier run are there. Cold: neither is. The end comes after the USD, the report and the contact sheet, "
-        "where the scene has one.\n\n" + "\n".join(rows) + "\n\n"
-        f"Command: `python -m benchmarks startup --write`. Machine: {describe_machine('cpu')}.\n"
+    for name, (total, first) in measure(QUICK_SCENES if options.quick else SCENES, options.rounds).items():
+        rows.append(f"| {name} | {'' if first is None else first} | {total} |")
+    return (
+        f"Seconds: median (and middle half) of {options.rounds} fresh processes, all commands in turns. Warm: leaf and "
+        "kernels of an earlier run are there. Cold: neither is. The end comes after the USD, the report and the "
+        "contact sheet, where the scene has one.\n\n" + "\n".join(rows)
     )
-    print(body)
-    if options.write:
-        write_section(TITLE, body)
-
-
-def seconds(timing: Timing) -> Timing:
-    """The same in seconds."""
-    return Timing(tuple(value / 1e3 for value in timing.milliseconds))
-
-
-if __name__ == "__main__":
-    main()

@@ -12,7 +12,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.results import describe_machine, write_section
 from benchmarks.table2 import SCENE
 from benchmarks.timing import Timing, round_robin
 from leafwarp.leaf.leaf import Leaf
@@ -24,7 +23,9 @@ from leafwarp.sim.motion import Motion
 from leafwarp.sim.plan import make_stages
 
 TITLE = "Structure: one substep"
-ROUNDS, QUICK_ROUNDS = 15, 3
+QUICK = "a small mesh, few rounds"
+ROUNDS = (15, 3)
+OPTIONS = {"--newton": {"type": Path, "metavar": "PYTHON", "help": "an interpreter with newton"}}
 QUICK_VERTICES = 200
 SUBSTEPS = 64  # of a measurement
 OURS = "leafwarp, 32 springs at a time, captured graph"
@@ -93,12 +94,7 @@ def measure(scene: Scene, leaf: Leaf, rounds: int) -> dict[str, Timing]:
     }
     work: dict[str, Callable[[], object]] = {name: structure.advance for name, structure in frames.items()}
     work[LAUNCHED] = launched.launch
-    counts = {name: structure.advance() for name, structure in frames.items()}
-    timings = round_robin(work, rounds)
-    return {
-        name: Timing(tuple(value / counts.get(name, 1) for value in timing.milliseconds))
-        for name, timing in timings.items()
-    }
+    return round_robin(work, rounds)
 
 
 def newton_substep(python: Path, soft: Scene) -> float | None:
@@ -135,44 +131,27 @@ def newton_substep(python: Path, soft: Scene) -> float | None:
     return 1e3 * seconds / (peers.FPS * options["substeps"])
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Measure, print, and on ``--write`` keep the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks structure", description=__doc__.partition("\n")[0])
-    parser.add_argument("--rounds", type=int, help=f"measurements of each (default: {ROUNDS})")
-    parser.add_argument("--newton", type=Path, help="a Python interpreter with newton")
-    parser.add_argument("--quick", action="store_true", help="a small mesh, few rounds")
-    parser.add_argument("--write", action="store_true", help="keep the table in benchmarks/RESULTS.md")
-    options = parser.parse_args(arguments)
-    rounds = options.rounds or (QUICK_ROUNDS if options.quick else ROUNDS)
+def make_body(options: argparse.Namespace) -> str:
+    """The table, with what it shows."""
     scene = load_scene(SCENE)
     if options.quick:
         scene = scene.with_changes({"mesh.vertices": QUICK_VERTICES})
     leaf = prepare_scene_leaf(scene, None)
-    timings = measure(scene, leaf, rounds)
+    timings = measure(scene, leaf, options.rounds)
     rows = ["| substep | ms | of leafwarp's |", "|---|---:|---:|"]
     rows += [f"| {name} | {timing} | {timing.over(timings[OURS])} |" for name, timing in timings.items()]
     if options.newton:
-        milliseconds, name = (
-            newton_substep(options.newton, scene),
-            "Newton SemiImplicit on the same mesh, after the others",
-        )
+        milliseconds = newton_substep(options.newton, scene)
+        name = "Newton SemiImplicit on the same mesh, after the others"
         if milliseconds is None:
             rows.append(f"| {name}: not done | | |")
         else:
             rows.append(f"| {name} | {milliseconds:.3g} | {milliseconds / timings[OURS].median:.3g} |")
-    body = (
-        f"Milliseconds: median (and middle half) of {rounds} measurements of {SUBSTEPS} substeps or more, taken in "
-        "turns, a frame's checks included; ratios are taken round by round. float32 where nothing else is said. "
-        f"`scenes/bramble.toml`: {leaf.mesh.vertex_count} vertices, {leaf.mesh.edge_count} edges, "
+    return (
+        f"Milliseconds: median (and middle half) of {options.rounds} measurements of {SUBSTEPS} substeps or more, "
+        "taken in turns, a frame's checks included; ratios are taken round by round. float32 where nothing else is "
+        f"said. `scenes/bramble.toml`: {leaf.mesh.vertex_count} vertices, {leaf.mesh.edge_count} edges, "
         f"{leaf.mesh.hinge_count} hinges; springs, weight and drag. After {SUBSTEPS} substeps no position differs from "
         f"that of the plain kernels in float64 by more than {largest_difference(scene, leaf):.1e} of the leaf's "
-        "length.\n\n" + "\n".join(rows) + "\n\n"
-        f"Command: `python -m benchmarks structure --write`. Machine: {describe_machine('cpu')}.\n"
+        "length.\n\n" + "\n".join(rows)
     )
-    print(body)
-    if options.write:
-        write_section(TITLE, body)
-
-
-if __name__ == "__main__":
-    main()

@@ -153,6 +153,7 @@ def run_scene(
             if maps:
                 save_maps(leaf, paths.usd.parent, paths.usd.stem)
         with watch("compile"):
+            _import_what_follows()
             compilation.wait()
         frames = frames or range(1, scene.time.frames + 1)
         simulation, frame_seconds, failure = _simulate(
@@ -170,6 +171,12 @@ def run_scene(
     if failure is not None:
         raise failure
     return report
+
+
+def _import_what_follows() -> None:
+    """Import what the first frame needs, which takes less time while kernels are still being compiled than after."""
+    import leafwarp.sim.simulation
+    import leafwarp.usd.writer  # noqa: F401
 
 
 def _simulate(

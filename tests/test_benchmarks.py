@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
+import re
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import benchmarks.results as results
-from benchmarks.__main__ import PLACES, USAGE, main
+from benchmarks.__main__ import ALL, BENCHMARKS, main
 from benchmarks.fluid import CONTENDERS, OURS, STREAM
 from benchmarks.timing import Timing, exponent, round_robin
 
@@ -33,7 +35,7 @@ def tables(text: str) -> list[list[dict[str, str]]]:
 def quick(name: str, capsys: pytest.CaptureFixture) -> list[list[dict[str, str]]]:
     assert main([name, "--quick"]) == 0
     text = capsys.readouterr().out
-    assert f"Command: `python -m benchmarks {'' if name == 'table2' else name + ' '}--write`. Machine: " in text
+    assert f"Command: `python -m benchmarks {name} --quick`. Machine: " in text
     return tables(text)
 
 
@@ -62,7 +64,7 @@ def test_structure(capsys: pytest.CaptureFixture) -> None:
 
 
 def test_scaling(capsys: pytest.CaptureFixture) -> None:
-    fluid, structure = quick("scaling", capsys)
+    fluid, structure, leaves = quick("scaling", capsys)
     assert [int(row["map"]) for row in fluid] == [32, 64, 128]
     cells = [int(row["leaf cells"]) for row in fluid]
     assert np.all(np.diff(cells) > 0) and np.all(np.diff([float(row["arrays [MB]"]) for row in fluid]) > 0)
@@ -71,6 +73,15 @@ def test_scaling(capsys: pytest.CaptureFixture) -> None:
     assert np.all(np.diff(springs) > 0) and all(
         4.0 < count / int(row["vertices"]) < 6.0 for count, row in zip(springs, structure, strict=True)
     )
+    assert [int(row["leaves"]) for row in leaves] == [1, 2, 4]
+    for row in leaves:
+        # 60 fluid steps and all substeps make most of a frame; medians of different rounds make up the rest.
+        parts = 60 * number(row["fluid step [ms]"]) + int(row["substeps"]) * number(row["substep [ms]"])
+        assert 0.0 < parts < 3.0 * number(row["frame [ms]"])
+        assert float(row["frame, a leaf [ms]"]) == pytest.approx(
+            number(row["frame [ms]"]) / int(row["leaves"]), rel=0.01
+        )
+    assert np.all(np.diff([float(row["arrays [MB]"]) for row in leaves]) > 0)
 
 
 def test_memory(capsys: pytest.CaptureFixture) -> None:
@@ -90,20 +101,47 @@ def test_startup(capsys: pytest.CaptureFixture) -> None:
 def test_table2_is_what_no_name_means(capsys: pytest.CaptureFixture) -> None:
     assert main(["--quick"]) == 0
     text = capsys.readouterr().out
-    assert "Command: `python -m benchmarks --write`. Machine: " in text
+    assert "Command: `python -m benchmarks --quick`. Machine: " in text
     (rows,) = tables(text)
     assert [(row["map"], row["paper"]) for row in rows] == [("128 x 128", "11")]
 
 
 def test_every_benchmark_is_listed(capsys: pytest.CaptureFixture) -> None:
-    assert main(["--help"]) == 0
-    assert capsys.readouterr().out == USAGE
-    assert [line.split()[0] for line in USAGE.splitlines() if line.startswith("  ")] == [*PLACES, "all"]
+    with pytest.raises(SystemExit) as done:
+        main(["--help"])
+    assert done.value.code == 0
+    listed = [line.split()[0] for line in capsys.readouterr().out.splitlines() if re.match("    [a-z]", line)]
+    assert listed == [*BENCHMARKS, "all"]
 
 
-def test_an_unknown_name_is_refused(capsys: pytest.CaptureFixture) -> None:
-    assert main(["fluids"]) == 2
-    assert "'fluids' is not accepted; accepted: table2, fluid" in capsys.readouterr().err
+@pytest.mark.parametrize(
+    ("arguments", "told"),
+    [(["fluids"], "invalid choice: 'fluids'"), (["--device", "moon:0"], "--device moon:0: no such device")],
+)
+def test_what_is_not_there_is_refused(arguments: list[str], told: str, capsys: pytest.CaptureFixture) -> None:
+    with pytest.raises(SystemExit) as refused:
+        main(arguments)
+    assert refused.value.code == 2
+    assert told in capsys.readouterr().err
+
+
+def test_all_keeps_each_under_its_own_command(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture
+) -> None:
+    kept = {}
+    monkeypatch.setattr("benchmarks.__main__.write_section", lambda title, body: kept.update({title: body}))
+    for name in ALL:
+        monkeypatch.setattr(BENCHMARKS[name], "make_body", lambda options, own=name: f"{own} {options.quick}")
+    assert main(["all", "--quick", "--write"]) == 0
+    assert list(kept) == [BENCHMARKS[name].TITLE for name in ALL]
+    for name, body in zip(ALL, kept.values(), strict=True):
+        assert body.startswith(f"{name} True\n") and f"`python -m benchmarks {name} --quick --write`" in body
+
+
+def test_an_interpreters_path_is_not_kept(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture) -> None:
+    monkeypatch.setattr(BENCHMARKS["peers"], "make_body", lambda options: str(options.blender))
+    assert main(["peers", "--blender", "/opt/bpy/python"]) == 0
+    assert "Command: `python -m benchmarks peers --blender PYTHON`. " in capsys.readouterr().out
 
 
 def test_results_are_kept_in_their_section(tmp_path: Path) -> None:
@@ -118,12 +156,19 @@ def test_contenders_take_turns() -> None:
     timings = round_robin({name: (lambda n=name: order.append(n)) for name in "abc"}, rounds=3, least_lap=0.0)
     assert order[:6] == list("aabbcc")  # once to warm up, once to see how long it takes
     assert order[6:] == list("aabbccbbccaaccaabb")  # untimed, timed
-    assert {len(timing.milliseconds) for timing in timings.values()} == {3}
+    assert {len(timing.values) for timing in timings.values()} == {3}
+
+
+def test_work_done_at_once_is_told_apart(monkeypatch: pytest.MonkeyPatch) -> None:
+    clock = itertools.count()
+    monkeypatch.setattr("benchmarks.timing.time.perf_counter", lambda: next(clock))  # a second from look to look
+    timings = round_robin({"four": lambda: 4, "one": lambda: None}, rounds=2, least_lap=1.0)
+    assert timings["four"].values == (250.0, 250.0) and timings["one"].values == (1000.0, 1000.0)
 
 
 def test_ratios_are_taken_round_by_round() -> None:
     ours, theirs = Timing((1.0, 2.0, 4.0)), Timing((3.0, 6.0, 12.0))
-    assert theirs.over(ours).milliseconds == (3.0, 3.0, 3.0)
+    assert theirs.over(ours).values == (3.0, 3.0, 3.0)
 
 
 def test_an_exponent_is_that_of_a_power_law() -> None:

@@ -9,12 +9,12 @@ import cv2
 import numpy as np
 import pytest
 from pxr import Kind, Usd, UsdGeom, UsdShade
+from scipy.spatial import cKDTree
 
-from benchmarks import leaves_count
 from leafwarp.cli import main
 from leafwarp.errors import InputError
-from leafwarp.leaf.arrange import arrange_leaves, axis_angle, grid_cell
-from leafwarp.leaf.leaves import gather_leaves
+from leafwarp.leaf.arrange import arrange_leaves, axis_angle, grid_cell, least_spacing
+from leafwarp.leaf.leaves import Leaves, gather_leaves
 from leafwarp.render.contact_sheet import ContactSheet, stacked_textures
 from leafwarp.scene import Scene
 from leafwarp.scene.file import load_scene
@@ -58,6 +58,27 @@ def test_alike_leaves_move_as_one_alone(small_scene, scene_leaf, device, precisi
                     assert np.array_equal(found, expected), name
                 else:  # the factor of more cells is made in another order
                     assert found == pytest.approx(expected, abs=ROUNDING["float32"])
+
+
+@pytest.mark.parametrize("scene", ["small_scene", "two_photos"])
+def test_leaves_move_alike_group_by_group_and_all_at_once(scene, request, scene_leaf, device, monkeypatch) -> None:
+    scene = changed(request.getfixturevalue(scene), leaves=VARIED | {"count": 70}, mesh__vertices=60, time__frames=3)
+    leaves = scene_leaf(scene)
+    groups = leaves.vertex_groups
+    photos = len(leaves.photos)
+    assert [own.stop for own in groups] == [
+        *(leaves.vertex_slices[count - 1].stop for count in range(32 * photos, 70, 32 * photos)),
+        leaves.mesh.vertex_count,
+    ]
+    grouped, frames = computed(scene, leaves, device)
+    monkeypatch.setattr(Leaves, "vertex_groups", (slice(0, leaves.mesh.vertex_count),))
+    at_once, frames_at_once = computed(scene, leaves, device)
+    if not grouped.state.many_threads:
+        assert len(grouped.stage("integration").parts) == len(groups) > 1
+        assert len(at_once.stage("integration").parts) == 1
+    assert np.ptp(frames[-1].points - frames[0].points) > 1e-4  # they move [m]
+    for one, other in zip(frames, frames_at_once, strict=True):
+        assert one.points.tobytes() == other.points.tobytes()
 
 
 def test_varied_leaves_do_not_feel_each_other(small_scene, scene_leaf, device, precision) -> None:
@@ -105,10 +126,11 @@ def drawn(specimen) -> tuple:
 
 
 def test_one_amount_leaves_the_others_as_they_are(small_scene, scene_leaf) -> None:
+    """Where the spacing is given: the usual one keeps leaves of any draw apart."""
     leaf = scene_leaf(changed(small_scene))
-    varied = specimens_of(LeavesTable(**VARIED, count=6), leaf)
+    varied = specimens_of(LeavesTable(**VARIED, count=6, spacing=0.1), leaf)
     for name in VARIED:
-        without = specimens_of(LeavesTable(**(VARIED | {name: 0.0}), count=6), leaf)
+        without = specimens_of(LeavesTable(**(VARIED | {name: 0.0}), count=6, spacing=0.1), leaf)
         kept = [field for field in ("size", "stiffness", "water", "seed", "place") if field != name]
         assert [[getattr(s, k) for k in kept] for s in without] == [[getattr(s, k) for k in kept] for s in varied]
 
@@ -135,6 +157,49 @@ def test_the_grid_is_square_and_keeps_its_places() -> None:
     for side in (1, 2, 7):
         cells = [grid_cell(index) for index in range(side * side)]
         assert sorted(cells) == [(column, row) for column in range(side) for row in range(side)]
+
+
+@pytest.mark.parametrize(
+    "amounts",
+    [
+        {},
+        {"turn": 180.0},
+        {"turn": 60.0, "size": 0.9},
+        {"turn": 180.0, "size": 0.5, "tilt": 30.0, "roll": 180.0},
+        {"tilt": 180.0},
+    ],
+    ids=["alike", "any-direction", "sizes", "rolled", "tipped-over"],
+)
+def test_leaves_of_a_grid_do_not_touch(amounts: dict, two_photos, scene_leaf) -> None:
+    """Seen from above, with a free strip between any two."""
+    photos = scene_leaf(changed(two_photos)).photos
+    tables = [LeafTable(image="leaf.png", length=0.1)] * 2
+    length = max(photo.length for photo in photos)
+    for some in (photos[:1], photos):
+        table = LeavesTable(**amounts, count=400)
+        leaves = arrange_leaves(table, some, tables)
+        seen = [
+            (specimen.size * np.pad(some[index].mesh.positions, ((0, 0), (0, 1)))) @ turned(specimen).T + specimen.place
+            for index, specimen in zip(leaves.photo_of, leaves.specimens, strict=True)
+        ]
+        points = np.concatenate(seen)[:, :2]
+        owner = np.repeat(np.arange(len(seen)), [len(one) for one in seen])
+        close = cKDTree(points).query_pairs(0.05 * length, output_type="ndarray")
+        assert len(close) > 0 and np.array_equal(owner[close[:, 0]], owner[close[:, 1]])
+
+
+def turned(specimen) -> np.ndarray:
+    return np.eye(3) if specimen.rotation is None else specimen.rotation
+
+
+def test_alike_leaves_lie_close_and_turned_ones_as_close_as_two_lengths_allow(small_scene, scene_leaf) -> None:
+    leaf = scene_leaf(changed(small_scene))
+    reach = np.linalg.norm(leaf.mesh.positions, axis=1).max()
+    assert least_spacing(LeavesTable(count=2), [leaf]) < 1.3 * reach
+    assert 2.0 * reach <= least_spacing(LeavesTable(count=2, turn=180.0), [leaf]) < 2.3 * reach
+    assert least_spacing(LeavesTable(count=2, turn=180.0, size=0.5), [leaf]) == pytest.approx(
+        1.5 * least_spacing(LeavesTable(count=2, turn=180.0), [leaf])
+    )
 
 
 def test_no_water_passes_from_leaf_to_leaf(small_scene, scene_leaf, device, precision) -> None:
@@ -395,6 +460,15 @@ def test_maps_follow_the_mesh_and_finer_ones_are_told(small_scene) -> None:
     assert "usual: 64, in 6%" in warning
 
 
+def test_a_key_set_of_several_photos_is_set_of_each(two_photos) -> None:
+    scene = load_scene(two_photos, ["leaf.camber=0.03", "leaf.length=5 cm"])
+    assert [(photo.camber, photo.length) for photo in scene.photos] == [(0.03, 0.05)] * 2
+    with pytest.raises(InputError, match=r"leaf\.camber = 7\.0: accepted: 0 to 0\.5"):
+        load_scene(two_photos, ["leaf.camber=7.0"])
+    with pytest.raises(InputError, match=r"--set time\.frames\.first: 'frames' is a value, not a table"):
+        load_scene(two_photos, ["time.frames.first=1"])
+
+
 def test_the_schema_knows_several_photos(two_photos) -> None:
     schema = Scene.model_json_schema()
     one, many = schema["properties"]["leaf"]["anyOf"]
@@ -415,16 +489,6 @@ def test_prescribed_water_and_tradeoff_refuse_what_they_cannot_do(small_scene, t
     data["leaves"]["water"] = 0.1
     with pytest.raises(InputError, match=r"leaves\.water needs \[fluid\]"):
         Scene.checked(data, "scene")
-
-
-def test_the_benchmark_prints_a_row_for_each_number_of_leaves(capsys) -> None:
-    leaves_count.main(["--counts", "1", "3", "--repeats", "2"])
-    lines = capsys.readouterr().out.splitlines()
-    rows = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("|")]
-    assert [row[0] for row in rows[2:]] == ["1", "3"]
-    assert all(float(row[-1]) > 0.0 for row in rows[2:])
-    assert leaves_count.fitted_exponent([1, 10, 100], [3.0, 30.0, 300.0]) == pytest.approx(1.0)
-    assert leaves_count.fitted_exponent([1, 4, 16], [5.0, 10.0, 20.0]) == pytest.approx(0.5)
 
 
 def test_a_scene_without_leaves_loads_nothing_of_them(small_scene, tmp_path) -> None:

@@ -14,7 +14,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.results import describe_machine, write_section
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.scene import Scene
@@ -25,6 +24,10 @@ from leafwarp.sim.simulation import Simulation
 HERE = Path(__file__).parent
 SCENES = HERE.parent.parent / "scenes"
 TITLE = "Motion beside other programs"
+OPTIONS = {
+    "--blender": {"type": Path, "metavar": "PYTHON", "help": "an interpreter with bpy 4.5"},
+    "--newton": {"type": Path, "metavar": "PYTHON", "help": "an interpreter with newton"},
+}
 FPS = 24
 GRAVITY = 9.81  # [m/s^2]
 MASS_PER_AREA = 0.2  # [kg/m^2]
@@ -208,13 +211,8 @@ def table(rows: list[Row]) -> str:
     return "\n".join(lines)
 
 
-def main(arguments: list[str] | None = None) -> None:
-    """Run all programs that are there, one after the other, and print the table."""
-    parser = argparse.ArgumentParser(prog="python -m benchmarks peers", description=__doc__)
-    parser.add_argument("--blender", type=Path, help="a Python interpreter with bpy 4.5")
-    parser.add_argument("--newton", type=Path, help="a Python interpreter with newton")
-    parser.add_argument("--write", action="store_true", help="keep the table in RESULTS.md")
-    options = parser.parse_args(arguments)
+def make_body(options: argparse.Namespace) -> str:
+    """The table, with what it shows; all programs that are there run one after the other."""
     scene = make_scene("implicit")
     with tempfile.TemporaryDirectory() as folder:
         leaf = prepare_scene_leaf(scene, None)
@@ -225,17 +223,9 @@ def main(arguments: list[str] | None = None) -> None:
             rows += blender(options.blender, leaf, problem, path)
         if options.newton:
             rows += newton(options.newton, leaf, problem, path)
-    text = (
-        f"`python -m benchmarks peers --blender PYTHON --newton PYTHON --write`\n\n{describe_machine('cpu')}.\n\n"
+    return (
         f"The bramble's mesh ({leaf.mesh.vertex_count} vertices), clamped at its base, under its own weight: E h = "
         f"{MEMBRANE_STIFFNESS:g} N/m, bending stiffness {BENDING_STIFFNESS:g} N m, {MASS_PER_AREA:g} kg/m². One "
         f"simulated second at {FPS} frames a second from the flat shape; the settled shape after {SETTLED_AFTER} s, "
         f"where nothing else is said, against the equilibrium of the program's own network.\n\n{table(rows)}"
     )
-    print(text)
-    if options.write:
-        write_section(TITLE, text)
-
-
-if __name__ == "__main__":
-    main()

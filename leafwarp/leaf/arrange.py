@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 
@@ -14,7 +15,8 @@ from leafwarp.scene.leaf import LeafTable
 from leafwarp.scene.leaves import LeavesTable
 
 GOLDEN_ANGLE = math.pi * (3.0 - math.sqrt(5.0))  # between successive leaves of most plants' spirals
-GRID_SPACING, STEM_SPACING = 1.5, 0.25  # of the leaf's length
+STEM_SPACING = 0.25  # of the leaf's length
+GRID_SPACING = 1.1  # of the least distance at which leaves cannot touch
 
 
 def arrange_leaves(table: LeavesTable, photos: Sequence[Leaf], cambers: Sequence[LeafTable]) -> Leaves:
@@ -22,14 +24,14 @@ def arrange_leaves(table: LeavesTable, photos: Sequence[Leaf], cambers: Sequence
 
     Args:
         table: What the scene says of them.
-        photos: The prepared leaf of each photo, by whose axes they are turned, and by the longest of which they are
-            spaced.
+        photos: The prepared leaf of each photo, by whose axes they are turned and by whose extents they are spaced.
         cambers: What the scene says of each photo: the height of the camber, and its seed for leaves without their own.
     """
     spacing = table.spacing
-    if spacing is None:
-        longest = max(photo.length for photo in photos)
-        spacing = longest * (GRID_SPACING if table.arrangement == "grid" else STEM_SPACING)
+    if spacing is None and table.arrangement == "stem":
+        spacing = STEM_SPACING * max(photo.length for photo in photos)
+    elif spacing is None:
+        spacing = GRID_SPACING * least_spacing(table, photos)
     photo_of = [index % len(photos) for index in range(table.count)]
     axes = [axis_angle(photo) for photo in photos]
     specimens = [_specimen(table, index, axes[photo], spacing, cambers[photo]) for index, photo in enumerate(photo_of)]
@@ -40,6 +42,42 @@ def axis_angle(leaf: Leaf) -> float:
     """Angle of the axis from the petiole base to the farthest vertex, from the x axis [rad]."""
     tip = leaf.mesh.positions[np.argmax(np.linalg.norm(leaf.mesh.positions, axis=1))]
     return math.atan2(tip[1], tip[0])
+
+
+def least_spacing(table: LeavesTable, photos: Sequence[Leaf]) -> float:
+    """Distance of petiole bases [m] from which on no two leaves of a grid touch as they start, whatever they draw.
+
+    Seen from above, a leaf lies in a circle whose centre is on its axis. The centre's way from the petiole base is as
+    long as the size and the tilt make it and points where the turn has it. Two circles do not overlap once the bases
+    are as far apart as both radii and the difference of the ways together. The difference is a convex function of the
+    lengths of the ways, and grows or falls with the angle between them: the largest is at the ends of their ranges.
+
+    Args:
+        table: How much leaves differ.
+        photos: The prepared leaf of each photo.
+    """
+    largest = 1.0 + table.size
+    shares = ((1.0 - table.size) * math.cos(math.radians(table.tilt)), largest)
+    circles = [(axis_angle(photo), *_circle(photo)) for photo in photos]
+    spacing = 0.0
+    for one, other in itertools.combinations_with_replacement(circles, 2):
+        between = abs(math.remainder(one[0] - other[0], 2.0 * math.pi))
+        widest = min(math.pi, between + 2.0 * math.radians(table.turn))
+        narrowest = max(0.0, between - 2.0 * math.radians(table.turn))
+        for share, share_of_other, angle in itertools.product(shares, shares, (narrowest, widest)):
+            a, b = share * one[1], share_of_other * other[1]
+            apart = math.sqrt(max(0.0, a * a + b * b - 2.0 * a * b * math.cos(angle)))
+            spacing = max(spacing, apart + largest * (one[2] + other[2]))
+    return spacing
+
+
+def _circle(leaf: Leaf) -> tuple[float, float]:
+    """Centre on the axis, as its distance from the petiole base, and radius of a circle around a flat leaf [m]."""
+    angle = axis_angle(leaf)
+    axis = np.array([math.cos(angle), math.sin(angle)])
+    along = leaf.mesh.positions @ axis
+    centre = 0.5 * float(along.min() + along.max())
+    return centre, float(np.linalg.norm(leaf.mesh.positions - centre * axis, axis=1).max())
 
 
 def _specimen(table: LeavesTable, index: int, axis: float, spacing: float, camber: LeafTable) -> Specimen:

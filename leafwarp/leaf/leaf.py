@@ -148,6 +148,11 @@ class Leaf:
         return (AS_PHOTOGRAPHED,)
 
     @property
+    def vertex_groups(self) -> tuple[slice, ...]:
+        """Vertices of groups of leaves, each small enough to be kept in a processor's cache; here one group."""
+        return (slice(0, self.mesh.vertex_count),)
+
+    @property
     def vertex_slices(self) -> tuple[slice, ...]:
         """Where each leaf's vertices are: all of them belong to the one leaf."""
         return (slice(0, self.mesh.vertex_count),)

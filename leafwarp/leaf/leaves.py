@@ -16,6 +16,8 @@ import numpy as np
 from leafwarp.leaf.leaf import Leaf, LeafMesh, MapFrame
 from leafwarp.leaf.specimen import Specimen
 
+GROUP = 32  # rounds of the photos in a group of leaves; as many as a block of springs has lanes
+
 
 @dataclass(frozen=True)
 class Leaves(Leaf):
@@ -49,6 +51,16 @@ class Leaves(Leaf):
     def vertex_slices(self) -> tuple[slice, ...]:
         """Where each leaf's vertices are."""
         ends = np.cumsum([self.photos[p].mesh.vertex_count for p in self.photo_of]).tolist()
+        return tuple(map(slice, [0, *ends], ends))
+
+    @property
+    def vertex_groups(self) -> tuple[slice, ...]:
+        """Vertices of groups of leaves that move one group after the other: their springs fill whole blocks of lanes.
+
+        The photos take turns, so that 32 rounds of them have 32 times as many springs of each kind as one.
+        """
+        ends = [own.stop for own in self.vertex_slices]
+        ends = [*ends[GROUP * len(self.photos) - 1 : -1 : GROUP * len(self.photos)], ends[-1]]
         return tuple(map(slice, [0, *ends], ends))
 
     def join(self, function: Callable[[Leaf, Specimen], np.ndarray]) -> np.ndarray:

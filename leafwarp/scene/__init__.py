@@ -275,7 +275,7 @@ class Scene(Table):
 
 
 def put_value(data: dict[str, Any], key: str, value: Any, where: str = "") -> None:
-    """Set a dotted key in nested tables.
+    """Set a dotted key in nested tables; in each of those that are written more than once, such as [[leaf]].
 
     Args:
         data: The tables, changed in place.
@@ -287,8 +287,12 @@ def put_value(data: dict[str, Any], key: str, value: Any, where: str = "") -> No
         InputError: A part of the key is a value already, not a table.
     """
     *tables, last = key.split(".")
+    places = [data]
     for name in tables:
-        data = data.setdefault(name, {})
-        if not isinstance(data, dict):
+        found = [place.setdefault(name, {}) for place in places]
+        # [[leaf]] written more than once: each of its tables.
+        places = [one for each in found for one in (each if isinstance(each, list) and each else [each])]
+        if not all(isinstance(place, dict) for place in places):
             raise InputError(f"{where}{key}: '{name}' is a value, not a table; accepted: table.key")
-    data[last] = value
+    for place in places:
+        place[last] = value

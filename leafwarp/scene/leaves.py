@@ -48,6 +48,7 @@ class LeavesTable(Table):
     )
     spacing: Annotated[Length, Bounds(0.0, 1000.0, "m")] | None = Field(
         None,
-        description="Distance of neighbours in the grid, or of successive leaves along the stem [m]; default: 1.5 or "
-        "0.25 times the leaf's length.",
+        description="Distance of neighbours in the grid, or of successive leaves along the stem [m]; default: in the "
+        "grid such that leaves do not touch at the start, however they are turned; along the stem 0.25 times the "
+        "leaf's length.",
     )

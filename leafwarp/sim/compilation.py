@@ -20,6 +20,7 @@ from leafwarp.scene import Scene
 from leafwarp.sim.launch import ArraySpec, Command, State, specialise
 from leafwarp.sim.plan import make_plan
 from leafwarp.sim.stage import bind_stage
+from leafwarp_kernels.normals import vertex_normals
 
 
 class _Unrun:
@@ -87,9 +88,12 @@ class Compilation:
 
     def __init__(self, scene: Scene, device: str):
         self._device = device
-        # One thread: the compiler reads its headers once a thread.
+        # One thread: the compiler reads its headers once a thread, which takes longer than most modules. So it begins
+        # with a kernel that every scene has, before the others are found.
         self._pool = ThreadPoolExecutor(1)
-        self._needed = [self._start(module) for module in required_modules(scene, device)]
+        first = specialise(vertex_normals, scene.solver.precision).module
+        self._needed = [self._start(first)]
+        self._needed += [self._start(module) for module in required_modules(scene, device) if module is not first]
         self._last: list[Future] = []
         if scene.output.contact_sheet:
             from leafwarp_kernels import raycast

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import ClassVar
 
 import numpy as np
@@ -124,6 +125,39 @@ def bends_by_gradient(scene: Scene, leaf: Leaf) -> bool:
     return scene.has_angular_springs and scene.structure.bending == "gradient" and leaf.mesh.hinge_count > 0
 
 
+def _joined(*launches: list[list[Command]]) -> list[list[Command]]:
+    """Launches of one kind after the other, group by group."""
+    return [[command for commands in group for command in commands] for group in zip(*launches, strict=True)]
+
+
+class _OfVertices(Stage):
+    """A stage that does the same for every vertex."""
+
+    rate = "substep"
+
+    def record_vertices(
+        self, state: State, kernel: wp.Kernel, inputs: Sequence[object], outputs: Sequence[str]
+    ) -> None:
+        """Record the launches of a kernel; names are those of arrays over the vertices."""
+
+        def of_group(argument: object, own: slice) -> object:
+            return state[argument][own] if isinstance(argument, str) else argument
+
+        self.set_parts(
+            [
+                [
+                    state.record(
+                        kernel,
+                        own.stop - own.start,
+                        [of_group(argument, own) for argument in inputs],
+                        [of_group(argument, own) for argument in outputs],
+                    )
+                ]
+                for own in self.leaf.vertex_groups
+            ]
+        )
+
+
 class EdgeSprings(Stage):
     """Forces along the edges. The first of the force stages: it overwrites the force.
 
@@ -146,7 +180,7 @@ class EdgeSprings(Stage):
     def bind(self, state: State) -> None:
         fill_edges(self.scene, self.leaf, state)
         if not state.many_threads:
-            self.commands = self._record_blocks(state)
+            self.set_parts(self._record_blocks(state))
             return
         self.commands = [
             state.record(
@@ -166,12 +200,12 @@ class EdgeSprings(Stage):
             )
         ]
 
-    def _record_blocks(self, state: State) -> list[Command]:
+    def _record_blocks(self, state: State) -> list[list[Command]]:
         """The launches for a CPU, without what the angular springs do for the edges that they lie on."""
         hinged = bends_by_gradient(self.scene, self.leaf)
-        blocks = SpringBlocks(self.leaf.mesh, hinged)
+        blocks = SpringBlocks(self.leaf.mesh, hinged, self.leaf.vertex_groups)
         edges = blocks.record_edges(self, state)
-        return edges if hinged else [*edges, *blocks.record_sum(self, state)]
+        return edges if hinged else _joined(edges, blocks.record_sum(self, state))
 
 
 class _Hinges(Stage):
@@ -179,6 +213,7 @@ class _Hinges(Stage):
 
     rate = "substep"
     kernel: ClassVar[wp.Kernel]
+    in_lanes: ClassVar[bool] = False  # on a CPU
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
@@ -186,7 +221,10 @@ class _Hinges(Stage):
 
     def bind(self, state: State) -> None:
         fill_hinges(self.scene, self.leaf, state)
-        self.commands = self._record(state)
+        if state.many_threads or not self.in_lanes:
+            self.commands = self._record(state)
+        else:
+            self.set_parts(self._record_blocks(state))
 
     def _record(self, state: State) -> list[Command]:
         """The launches: the forces of every hinge, then their sums."""
@@ -227,12 +265,11 @@ class AngularSprings(_Hinges):
     name = "angular_springs"
     purpose = "bending of the hinges toward their rest angles (Alg. 1 and 2, energy gradient)"
     kernel = angular_springs.angular_spring_forces
+    in_lanes = True
 
-    def _record(self, state: State) -> list[Command]:
-        if state.many_threads:
-            return super()._record(state)
-        blocks = SpringBlocks(self.leaf.mesh, hinged=True)
-        return [*blocks.record_hinges(self, state), *blocks.record_sum(self, state)]
+    def _record_blocks(self, state: State) -> list[list[Command]]:
+        blocks = SpringBlocks(self.leaf.mesh, hinged=True, groups=self.leaf.vertex_groups)
+        return _joined(blocks.record_hinges(self, state), blocks.record_sum(self, state))
 
 
 class PaperBending(_Hinges):
@@ -271,48 +308,34 @@ class PaperBending(_Hinges):
         return self._state["hinge_torque"].numpy().astype(np.float64).sum(axis=0)
 
 
-class Gravity(Stage):
+class Gravity(_OfVertices):
     """Weight."""
 
     name = "gravity"
     purpose = "weight of the vertices"
-    rate = "substep"
 
     def bind(self, state: State) -> None:
         gravity = state.vector(*self.scene.motion.gravity)
-        self.commands = [
-            state.record(
-                external_forces.add_gravity, self.leaf.mesh.vertex_count, inputs=["mass", gravity], outputs=["force"]
-            )
-        ]
+        self.record_vertices(state, external_forces.add_gravity, ["mass", gravity], ["force"])
 
 
-class Air(Stage):
+class Air(_OfVertices):
     """Drag of air that stands still or blows."""
 
     name = "air"
     purpose = "drag toward the speed of the air"
-    rate = "substep"
 
     def bind(self, state: State) -> None:
         wind = state.vector(*(self.scene.motion.wind or (0.0, 0.0, 0.0)))
         drag = state.real(self.scene.motion.drag)
-        self.commands = [
-            state.record(
-                external_forces.add_air_drag,
-                self.leaf.mesh.vertex_count,
-                inputs=["velocity", "mass", wind, drag],
-                outputs=["force"],
-            )
-        ]
+        self.record_vertices(state, external_forces.add_air_drag, ["velocity", "mass", wind, drag], ["force"])
 
 
-class Integration(Stage):
+class Integration(_OfVertices):
     """Newton's second law. The last stage of a substep."""
 
     name = "integration"
     purpose = "speed and position of the vertices (symplectic Euler)"
-    rate = "substep"
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
@@ -320,11 +343,5 @@ class Integration(Stage):
 
     def bind(self, state: State) -> None:
         fill_vertices(self.scene, self.leaf, state)
-        self.commands = [
-            state.record(
-                integration.integrate,
-                self.leaf.mesh.vertex_count,
-                inputs=["force", "mass", "pinned", "time_step"],
-                outputs=["position", "velocity"],
-            )
-        ]
+        inputs = ["force", "mass", "pinned", state["time_step"]]
+        self.record_vertices(state, integration.integrate, inputs, ["position", "velocity"])

@@ -16,7 +16,7 @@ from leafwarp.errors import SimulationError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.forces import Air, PaperBending
-from leafwarp.sim.launch import State
+from leafwarp.sim.launch import Command, State
 from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, STANDARD_GRAVITY, TORN_REMEDY, thrown, torn
 from leafwarp.sim.settled import Settled
 from leafwarp.sim.stable_step import StableStep, damping_time, step_limit
@@ -263,12 +263,22 @@ class Motion:
         if key not in self._graphs:
             before = self._state.launch_count
             with wp.ScopedCapture(device=self._state.device, force_module_load=False) as capture:
-                for _ in range(count):
-                    for stage in stages:
-                        stage.run()
+                for launches in self._rounds(stages):
+                    for _ in range(count):
+                        for command in launches:
+                            command.run()
             self._graphs[key] = capture.graph, self._state.launch_count - before
             self._state.launch_count = before
         return self._graphs[key]
+
+    def _rounds(self, stages: list[Stage]) -> list[list[Command]]:
+        """Launches of a substep, in rounds: all substeps of a graph for one group of leaves, which stays in the cache,
+        then for the next."""
+        groups = {len(stage.parts) for stage in stages}
+        if len(groups) > 1 or groups == {0}:
+            return [[command for stage in stages for command in stage.launches_of()]]
+        parts = zip(*(stage.parts for stage in stages), strict=True)
+        return [[command for commands in group for command in commands] for group in parts]
 
     def _fault(self, step: float) -> _Fault | None:
         """What is wrong with the span that was just run."""

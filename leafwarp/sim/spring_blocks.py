@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 import warp as wp
 
@@ -50,38 +52,52 @@ class SpringBlocks:
     Args:
         mesh: The mesh.
         hinged: Whether there are angular springs; without them no edge has a hinge.
+        groups: Vertices of the groups of leaves; the launches of each are recorded apart.
     """
 
-    def __init__(self, mesh: LeafMesh, hinged: bool):
+    def __init__(self, mesh: LeafMesh, hinged: bool, groups: Sequence[slice]):
         self._vertex_count = mesh.vertex_count
+        self._groups = groups
         self._hinges = mesh.hinges if hinged else mesh.hinges[:0]
         self._hinge_edges = hinge_edges(mesh) if hinged else np.zeros(0, np.int64)
         self._bare = np.setdiff1d(np.arange(mesh.edge_count), self._hinge_edges)
         self._edges = mesh.edges[self._bare]
         self._hinge_blocks, self._edge_blocks = (-(-len(e) // LANES) for e in (self._hinges, self._edges))
+        self._blocks_of_hinges, self._blocks_of_edges = (
+            _group_blocks(springs, groups) for springs in (self._hinges, self._edges)
+        )
 
-    def record_edges(self, stage: Stage, state: State) -> list[Command]:
+    def record_edges(self, stage: Stage, state: State) -> list[list[Command]]:
         """Record the forces of the edges without a hinge."""
         rows = self._hinge_blocks * HINGE_COMPONENTS + self._edge_blocks * EDGE_COMPONENTS
         stage.add_array(state, ArraySpec("spring_force", (rows, LANES), "real", "forces of blocks of springs [N]"))
         if self._edge_blocks == 0:
-            return []
-        tables = self._add_tables(stage, state, "edge", self._edges, self._bare)
+            return [[] for _ in self._groups]
+        tables = [state[name] for name in self._add_tables(stage, state, "edge", self._edges, self._bare)]
         springs = ["edge_rest_length", "edge_stiffness", "damping_time"]
         force = self._force(state)[self._hinge_blocks * HINGE_COMPONENTS :].reshape((-1, EDGE_COMPONENTS))
-        inputs = ["position", "velocity", *tables, *springs]
-        return [state.record(edge_forces, self._edge_blocks, inputs, [force])]
 
-    def record_hinges(self, stage: Stage, state: State) -> list[Command]:
+        def record(own: slice) -> list[Command]:
+            inputs = ["position", "velocity", *(table[own] for table in tables), *springs]
+            return [state.record(edge_forces, own.stop - own.start, inputs, [force[own]])]
+
+        return [record(own) if own.stop > own.start else [] for own in self._blocks_of_edges]
+
+    def record_hinges(self, stage: Stage, state: State) -> list[list[Command]]:
         """Record the forces of the hinges and of the edges that they lie on."""
-        tables = self._add_tables(stage, state, "hinge", self._hinges, self._hinge_edges)
-        angles = [state.lanes("hinge_rest_angle"), state.lanes("hinge_stiffness")]
-        springs = ["edge_rest_length", "edge_stiffness", *angles, "damping_time"]
+        tables = [state[name] for name in self._add_tables(stage, state, "hinge", self._hinges, self._hinge_edges)]
+        angles = [state.lanes(name) for name in ("hinge_rest_angle", "hinge_stiffness", "hinge_angle")]
         force = self._force(state)[: self._hinge_blocks * HINGE_COMPONENTS].reshape((-1, HINGE_COMPONENTS))
-        inputs, outputs = ["position", "velocity", *tables, *springs], [state.lanes("hinge_angle"), force]
-        return [state.record(edge_and_hinge_forces, self._hinge_blocks, inputs, outputs)]
 
-    def record_sum(self, stage: Stage, state: State) -> list[Command]:
+        def record(own: slice) -> list[Command]:
+            rest_angle, stiffness, angle = (array[own] for array in angles)
+            springs = ["edge_rest_length", "edge_stiffness", rest_angle, stiffness, "damping_time"]
+            inputs = ["position", "velocity", *(table[own] for table in tables), *springs]
+            return [state.record(edge_and_hinge_forces, own.stop - own.start, inputs, [angle, force[own]])]
+
+        return [record(own) for own in self._blocks_of_hinges]
+
+    def record_sum(self, stage: Stage, state: State) -> list[list[Command]]:
         """Record the sum of all forces on each vertex."""
         begin = self._hinge_blocks * HINGE_COMPONENTS
         places = [_places(self._hinges, HINGE_COMPONENTS, 0), _places(self._edges, EDGE_COMPONENTS, begin)]
@@ -94,8 +110,13 @@ class SpringBlocks:
         stage.add_array(state, ArraySpec("vertex_places", places.shape, "int32", "places of the forces on each vertex"))
         state.upload("vertex_place_start", start)
         state.upload("vertex_places", places)
-        inputs = ["vertex_place_start", "vertex_places", state["spring_force"].flatten()]
-        return [state.record(sum_spring_forces, self._vertex_count, inputs, ["force"])]
+        spring_force = state["spring_force"].flatten()
+
+        def record(own: slice) -> list[Command]:
+            inputs = [state["vertex_place_start"][own.start : own.stop + 1], "vertex_places", spring_force]
+            return [state.record(sum_spring_forces, own.stop - own.start, inputs, [state["force"][own]])]
+
+        return [record(own) for own in self._groups]
 
     def _add_tables(
         self, stage: Stage, state: State, kind: str, corners: np.ndarray, edges: np.ndarray
@@ -110,6 +131,20 @@ class SpringBlocks:
 
     def _force(self, state: State) -> wp.array:
         return state.lanes("spring_force")[:, 0]
+
+
+def _group_blocks(springs: np.ndarray, groups: Sequence[slice]) -> list[slice]:
+    """Blocks of the springs of each group.
+
+    Args:
+        springs: Vertices of each spring, group after group, shape [spring_count, corners].
+        groups: Vertices of the groups.
+    """
+    counts = [int(np.count_nonzero(springs[:, 0] < own.stop)) for own in groups]
+    if any(count % LANES for count in counts[:-1]):
+        raise ValueError(f"springs of groups end at {counts}: all but the last must be multiples of {LANES}")
+    ends = [-(-count // LANES) for count in counts]
+    return list(map(slice, [0, *ends], ends))
 
 
 def _places(corners: np.ndarray, components: int, first_row: int) -> np.ndarray:

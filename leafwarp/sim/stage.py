@@ -41,6 +41,8 @@ class Stage:
         host_writes: Names of the arrays that it changes other than by its launches.
         arrays: The arrays that it brings into the state.
         commands: The recorded launches that ``run`` runs, after ``bind``.
+        parts: The same by groups of leaves (:attr:`~leafwarp.leaf.leaf.Leaf.vertex_groups`), where the stage can run
+            for one group after the other; empty where it cannot.
         recorded: All launches that it recorded, after :func:`bind_stage`.
     """
 
@@ -56,6 +58,7 @@ class Stage:
         self.scene = scene
         self.leaf = leaf
         self.commands: list[Command] = []
+        self.parts: list[list[Command]] = []
 
     @property
     def host_bytes(self) -> int:
@@ -74,6 +77,11 @@ class Stage:
 
     def bind(self, state: State) -> None:
         """Fill the stage's own arrays and record its launches."""
+
+    def set_parts(self, parts: list[list[Command]]) -> None:
+        """Take launches by groups of leaves."""
+        self.parts = parts
+        self.commands = [command for part in parts for command in part]
 
     def launches_of(self, interval: Interval | None = None) -> Sequence[Command] | None:
         """Make ready for a run, and say which launches it consists of; None where the host takes part in it.

@@ -1,5 +1,0 @@
-"""``python -m benchmarks.peers``."""
-
-from benchmarks.peers.motion import main
-
-main()
