@@ -114,7 +114,7 @@ def newton_substep(python: Path, soft: Scene) -> float | None:
 
     scene = peers.make_scene("implicit")
     leaf = prepare_scene_leaf(scene, None)
-    options = peers.NEWTON[0] | {"frames": peers.FPS}
+    options = {"solver": "semi_implicit", "substeps": 512, "frames": peers.FPS}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "problem.npz"
         problem = peers.make_problem(scene, leaf)

@@ -441,7 +441,7 @@ def test_a_material_says_why_it_cannot_have_many_leaves(small_scene) -> None:
     data = changed(small_scene).model_dump(exclude_unset=True) | {"leaves": {"count": 2}}
     data |= {"material": {"preset": "tree"}, "structure": {}, "shrink": None, "curl": None}
     with pytest.raises(
-        InputError, match=r"motion\.method = 'implicit' \(from \[material\]\): accepted with \[leaves\]"
+        InputError, match=r"motion\.method = 'quasistatic' \(from \[material\]\): accepted with \[leaves\]"
     ):
         Scene.checked(data, "scene")
 

@@ -143,6 +143,8 @@ class _OfVertices(Stage):
         def of_group(argument: object, own: slice) -> object:
             return state[argument][own] if isinstance(argument, str) else argument
 
+        # A GPU wants them all at once.
+        groups = (slice(0, self.leaf.mesh.vertex_count),) if state.many_threads else self.leaf.vertex_groups
         self.set_parts(
             [
                 [
@@ -153,7 +155,7 @@ class _OfVertices(Stage):
                         [of_group(argument, own) for argument in outputs],
                     )
                 ]
-                for own in self.leaf.vertex_groups
+                for own in groups
             ]
         )
 
