@@ -92,10 +92,9 @@ def start_residual(
     # outputs:
     residual_out: wp.array2d[Lanes],
     swept_out: wp.array2d[Lanes],
-    direction_out: wp.array2d[Lanes],
     row_sum_out: wp.array3d[wp.float64],
 ):
-    """The residual at the start; a search direction of 0; sums of each segment.
+    """The residual at the start; sums of each segment.
 
     Args:
         water: Contents before the step, ``f``, shape [ny, block].
@@ -109,7 +108,6 @@ def start_residual(
         omega: Weight of the preconditioner's first sweep.
         residual_out: That of the last step, or 0; that of this one is added. Shape [ny, block].
         swept_out: The residual after the first sweep of the preconditioner, shape [ny, block].
-        direction_out: Shape [ny, block].
         row_sum_out: Squared residual, squared content, change and outflow, shape [SUM_COUNT, segment, ny].
     """
     segment, row = wp.tid()
@@ -131,7 +129,6 @@ def start_residual(
             residual = residual_out[row, block] - wp.cw_mul(mass[row, block], here) - outflow
             residual_out[row, block] = residual
             swept_out[row, block] = omega * wp.cw_mul(inverse_diagonal[row, block], residual)
-            direction_out[row, block] = direction_out.dtype()
             residual_squared += wp.cw_mul(residual, residual)
             content_squared += wp.cw_mul(content, content)
             change_sum += wide(here)
@@ -224,6 +221,7 @@ def finish_step(
     rounding_out: wp.array2d[Lanes],
     increment_out: wp.array2d[Lanes],
     residual_out: wp.array2d[Lanes],
+    added_out: wp.array2d[wp.float64],
 ):
     """The contents after the step, and what the next one starts from.
 
@@ -238,8 +236,10 @@ def finish_step(
         rounding_out: What was cut off from them, shape [ny, block].
         increment_out: Increment of this step, shape [ny, block].
         residual_out: Shape [ny, block]; less what the shift has made up for.
+        added_out: Content added to each segment so far, shape [segment, ny]; None where none is counted.
     """
     segment, row = wp.tid()
+    added = SumLanes()
     first = wp.max(span[row, 0], segment * segment_length)
     for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
         old = water_out[row, block]
@@ -252,3 +252,7 @@ def finish_step(
         before_out[row, block] = new
         water_out[row, block] = new
         residual_out[row, block] = residual_out[row, block] - shifted
+        if added_out:
+            added += wide(new) - wide(old)
+    if added_out:
+        added_out[segment, row] += sum_lanes(added)

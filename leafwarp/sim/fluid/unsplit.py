@@ -99,7 +99,7 @@ class UnsplitDiffusion(Stage):
             ArraySpec("unsplit_solver", (SLOT_COUNT,), "float64", "numbers of the conjugate gradients"),
             ArraySpec("unsplit_shift", (1,), "float64", "error of the mean content"),
         )
-        self._supply = diffusion_supply(scene, leaf, directions="x", lines_mix=True)
+        self._supply = diffusion_supply(scene, leaf, directions="x")
         if self._supply is not None:
             self.purpose += ", fed at the petiole base"
             self.host_reads = ("source_exchange",)
@@ -146,7 +146,7 @@ class UnsplitDiffusion(Stage):
             start_residual,
             dim,
             [water, change, *system, inverse_diagonal, *threads, omega],
-            [residual, swept, direction, sums],
+            [residual, swept, sums],
         )
         precondition = [
             *self._cycle.record(state),
@@ -161,22 +161,24 @@ class UnsplitDiffusion(Stage):
             [direction, image, coupled, inverse_diagonal, *threads, omega, solver],
             [change, residual, swept, sums],
         )
-        finish = record(finish_step, dim, [change, coupled, shift, *threads], [water, *kept, residual])
         count, tolerance = max(coupled_count, 1.0), self.scene.residual_tolerance
 
-        def step(closed: float) -> _Step:
+        def step(closed: float, added: str | None) -> _Step:
+            written = [water, *kept, residual, added]
+            finish = record(finish_step, dim, [change, coupled, shift, *threads], written)
             start = record(start_iteration, 1, [sums, tolerance, count, closed], [solver])
             length = record(choose_step_length, 1, [sums, count, closed], [solver])
             measure = record(measure_residual, 1, [sums, count, closed], [solver])
             last = record(choose_shift, 1, [sums, count, closed], [shift])
             return _Step([start], [advance, measure], [*precondition, length, advance, measure], [last, finish])
 
-        self._alone = step(closed=1.0)
+        self._alone = step(1.0, None)
         if self._supply is not None:
-            fill, count_water = self._supply.record(self, state, "x")
-            fed = step(closed=0.0)
-            self._fill = [fill]
-            self._fed = fed._replace(finish=[*fed.finish, count_water])
+            # What fills the source cells is counted at once, and by the last launch what flows on from there.
+            self._fill = list(self._supply.record(self, state, "x"))
+            spec = ArraySpec("added_by_source_y", dim, "float64", "content added to each segment of the rows by flow")
+            self.add_array(state, spec)
+            self._fed = step(0.0, spec.name)
 
     def launches_of(self, interval: Interval | None = None) -> None:
         return None
@@ -219,7 +221,9 @@ class UnsplitDiffusion(Stage):
         Rounding in the first iterations, when the residual is that large, may be far more than what is accepted, and
         the residual as the iteration knows it does not tell.
         """
+        rounding = ROUNDING * float(np.finfo(self._state.precision).eps)
         limit = math.sqrt(float(self._solver.numpy()[LIMIT_SQUARED]))
+        limit *= max(1.0, rounding / self.scene.residual_tolerance)
         found = self._state["unsplit_change"].numpy().copy()
         for _ in range(MAXIMUM_PASSES):
             _run(step.settle)
