@@ -79,17 +79,15 @@ def start_iteration(
     row_sum: wp.array3d[wp.float64],
     tolerance: wp.float64,
     coupled_count: wp.float64,
-    closed: wp.float64,
     # outputs:
     solver_out: wp.array[wp.float64],
 ):
     """Set the solver's numbers (one thread).
 
     Args:
-        row_sum: Squared residual, squared right side, change and outflow, shape [SUM_COUNT, segment, ny].
+        row_sum: Squared residual, squared right side and outflow, shape [SUM_COUNT, segment, ny].
         tolerance: Norm of the residual to reach, over the norm of the right side.
         coupled_count: Number of cells that the system couples with others; 1 where there is none.
-        closed: 1 where nothing enters or leaves, else 0.
         solver_out: Shape [SLOT_COUNT].
     """
     solver_out[RESIDUAL_SQUARED] = sum_rows(row_sum, SUM_RESIDUAL_SQUARED)
@@ -97,10 +95,8 @@ def start_iteration(
     solver_out[PRECONDITIONED] = wp.float64(0.0)
     solver_out[STEP_LENGTH] = wp.float64(0.0)
     solver_out[ITERATIONS] = wp.float64(0.0)
-    leak = sum_rows(row_sum, SUM_OUTFLOW) / coupled_count
-    mean = closed * sum_rows(row_sum, SUM_CHANGE) / coupled_count
-    solver_out[CHANGE_SHIFT] = -mean
-    solver_out[RESIDUAL_SHIFT] = leak + mean
+    solver_out[CHANGE_SHIFT] = wp.float64(0.0)
+    solver_out[RESIDUAL_SHIFT] = sum_rows(row_sum, SUM_OUTFLOW) / coupled_count
 
 
 @wp.kernel

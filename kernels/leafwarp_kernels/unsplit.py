@@ -82,6 +82,8 @@ def start_residual(
     # inputs:
     water: wp.array2d[Lanes],
     change: wp.array2d[Lanes],
+    coupled: wp.array2d[Lanes],
+    shift: wp.array[wp.float64],
     mass: wp.array2d[Lanes],
     faces_x: wp.array2d[Lanes],
     faces_y: wp.array2d[Lanes],
@@ -99,6 +101,8 @@ def start_residual(
     Args:
         water: Contents before the step, ``f``, shape [ny, block].
         change: ``d``, shape [ny, block].
+        coupled: 1 where a cell exchanges water with another, else 0, shape [ny, block].
+        shift: What the change of coupled cells will be given at the end of the step, shape [1].
         mass: The diagonal of ``E``, shape [ny, block].
         faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
         faces_y: The same to its upper neighbour.
@@ -126,7 +130,8 @@ def start_residual(
             last = east[LAST]
             content = water[row, block]
             here = change[row, block]
-            residual = residual_out[row, block] - wp.cw_mul(mass[row, block], here) - outflow
+            shifted = here + type(here[0])(shift[0]) * coupled[row, block]
+            residual = residual_out[row, block] - wp.cw_mul(mass[row, block], shifted) - outflow
             residual_out[row, block] = residual
             swept_out[row, block] = omega * wp.cw_mul(inverse_diagonal[row, block], residual)
             residual_squared += wp.cw_mul(residual, residual)
@@ -185,6 +190,31 @@ def apply_system(
     row_sum_out[SUM_PRODUCT, segment, row] = sum_lanes(total)
     row_sum_out[SUM_DIRECTION, segment, row] = sum_lanes(direction_sum)
     row_sum_out[SUM_OUTFLOW, segment, row] = sum_lanes(outflow_sum)
+
+
+@wp.kernel
+def sum_change(
+    # inputs:
+    change: wp.array2d[Lanes],
+    span: wp.array2d[wp.int32],
+    segment_length: wp.int32,
+    # outputs:
+    row_sum_out: wp.array3d[wp.float64],
+):
+    """Sum of the change over each segment.
+
+    Args:
+        change: ``d``, shape [ny, block].
+        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
+        segment_length: Blocks of a thread.
+        row_sum_out: Shape [SUM_COUNT, segment, ny].
+    """
+    segment, row = wp.tid()
+    total = SumLanes()
+    first = wp.max(span[row, 0], segment * segment_length)
+    for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
+        total += wide(change[row, block])
+    row_sum_out[SUM_CHANGE, segment, row] = sum_lanes(total)
 
 
 @wp.kernel

@@ -30,7 +30,7 @@ from leafwarp_kernels.conjugate_gradients import (
     start_iteration,
     update_direction,
 )
-from leafwarp_kernels.unsplit import apply_system, choose_shift, finish_step, guess_change, start_residual
+from leafwarp_kernels.unsplit import apply_system, choose_shift, finish_step, guess_change, start_residual, sum_change
 
 MAXIMUM_ITERATIONS = 5000
 # Solves of a step, each for what the one before it has left, where one would lose too much to rounding.
@@ -112,7 +112,7 @@ class UnsplitDiffusion(Stage):
         conductance = leaf_conductance(self.scene, self.leaf, time_step)
         faces = (conductance.x * time_step, conductance.y * time_step)
         self._cycle.upload_faces(state, mask, *faces)
-        self._cycle.upload_mass(state, mask.astype(np.float64), True)
+        self._cycle.upload_mass(state, mask.astype(np.float64), False)
         coupled = faces[0] + faces[1] > 0.0
         coupled[:, 1:] |= faces[0][:, :-1] > 0.0
         coupled[1:] |= faces[1][:-1] > 0.0
@@ -123,7 +123,7 @@ class UnsplitDiffusion(Stage):
         spec = ArraySpec("unsplit_sum", (SUM_COUNT, *self._dim), "float64", "sums of each segment of the rows")
         self.add_array(state, spec)
         self._record_step(state, float(coupled.sum()))
-        self.commands = [self._guess, self._start, *(command for part in self._alone for command in part)]
+        self.commands = [self._guess, *(command for part in self._alone for command in part)]
         self._solver = state["unsplit_solver"]
         self._iterations_per_look = ITERATIONS_PER_LOOK if state.device.is_cuda else 1
         self._reach = 1.0 / (ROUNDING * np.finfo(state.precision).eps)
@@ -142,10 +142,10 @@ class UnsplitDiffusion(Stage):
         water, sums, solver, shift = lanes("water"), "unsplit_sum", "unsplit_solver", "unsplit_shift"
         kept = [before, rounding, increment]
         self._guess = record(guess_change, dim, [water, *kept, coupled, *threads], [change])
-        self._start = record(
+        residual_at_start = record(
             start_residual,
             dim,
-            [water, change, *system, inverse_diagonal, *threads, omega],
+            [water, change, coupled, shift, *system, inverse_diagonal, *threads, omega],
             [residual, swept, sums],
         )
         precondition = [
@@ -166,11 +166,17 @@ class UnsplitDiffusion(Stage):
         def step(closed: float, added: str | None) -> _Step:
             written = [water, *kept, residual, added]
             finish = record(finish_step, dim, [change, coupled, shift, *threads], written)
-            start = record(start_iteration, 1, [sums, tolerance, count, closed], [solver])
-            length = record(choose_step_length, 1, [sums, count, closed], [solver])
-            measure = record(measure_residual, 1, [sums, count, closed], [solver])
+            start = [
+                record(choose_shift, 1, [sums, count, closed], [shift]),
+                residual_at_start,
+                record(start_iteration, 1, [sums, tolerance, count], [solver]),
+            ]
+            if closed:
+                start.insert(0, record(sum_change, dim, [change, *threads], [sums]))
+            length = record(choose_step_length, 1, [sums, count, 0.0], [solver])
+            measure = record(measure_residual, 1, [sums, count, 0.0], [solver])
             last = record(choose_shift, 1, [sums, count, closed], [shift])
-            return _Step([start], [advance, measure], [*precondition, length, advance, measure], [last, finish])
+            return _Step(start, [advance, measure], [*precondition, length, advance, measure], [last, finish])
 
         self._alone = step(1.0, None)
         if self._supply is not None:
@@ -207,7 +213,6 @@ class UnsplitDiffusion(Stage):
                 self._state.whole(f"unsplit_{name}").zero_()
         else:
             self._guess.run()
-        self._start.run()
         _run(step.start)
         if self._residual_over_limit() <= self._reach:
             self._iterate(step)
@@ -233,7 +238,6 @@ class UnsplitDiffusion(Stage):
             if off <= limit:
                 return
             self._state.whole("unsplit_residual").zero_()
-            self._start.run()
             _run(step.start)
         raise NotConverged(
             f"after {MAXIMUM_PASSES} solves rounding still changes the contents by {off / limit:.3g} "
@@ -262,7 +266,7 @@ class UnsplitDiffusion(Stage):
     def _change_source(self) -> None:
         """Make the system anew, after the source's exchange has changed."""
         exchange = self._state["source_exchange"].numpy().astype(np.float64)
-        self._cycle.upload_mass(self._state, np.where(self.leaf.mask, 1.0 + exchange, 0.0), not exchange.any())
+        self._cycle.upload_mass(self._state, np.where(self.leaf.mask, 1.0 + exchange, 0.0), False)
 
     def _residual_over_limit(self) -> float:
         numbers = self._solver.numpy()
