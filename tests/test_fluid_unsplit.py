@@ -116,9 +116,7 @@ def test_any_beta_gives_a_bounded_step_or_a_clear_refusal(
         sample.fluid.advance(1.0, frame=2)
     except SimulationError as error:
         reason = (
-            r"after (5000 iterations|6 solves)"
-            if scheme == "iterated"
-            else "(after 12 solves|the system has no factor)"
+            r"after (\d+ iterations|6 solves)" if scheme == "iterated" else "(after 12 solves|the system has no factor)"
         )
         assert re.match(f"frame 2: {name}: {reason}", str(error))
         assert "fluid.scheme = 'split'" in str(error)

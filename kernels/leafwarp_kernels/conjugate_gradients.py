@@ -5,9 +5,8 @@ small enough the step along the search direction has length 0, and further itera
 often the host looks is of no consequence. Sums are taken in float64, each segment of a row by one thread and then over
 all, always in the same order, so that two runs agree to the last bit. (Hestenes and Stiefel 1952.)
 
-What the cells of a map give to each other, the outflow, adds up to 0. Where nothing else enters or leaves, so do the
-residual, the directions and the solution. Rounding does not keep to that, and its sum would grow to a constant of any
-size: the means are taken off in every iteration.
+What the cells of a map give to each other, the outflow, adds up to 0. The sum that rounding leaves, the leak, is taken
+off the residual, where it would grow to a constant of any size.
 
 Arrays are whole blocks of lanes (see :mod:`leafwarp_kernels.lanes`); a thread takes some blocks of a row, on a CPU all
 of them.
@@ -28,9 +27,8 @@ PRECONDITIONED = wp.constant(2)
 STEP_LENGTH = wp.constant(3)
 IMPROVEMENT = wp.constant(4)
 ITERATIONS = wp.constant(5)
-CHANGE_SHIFT = wp.constant(6)
-RESIDUAL_SHIFT = wp.constant(7)
-SLOT_COUNT = 8
+LEAK = wp.constant(6)
+SLOT_COUNT = 7
 
 # Slots of the sums of segments, shape [SUM_COUNT, segment, ny].
 SUM_RESIDUAL_SQUARED = wp.constant(0)
@@ -38,9 +36,7 @@ SUM_PRODUCT = wp.constant(1)
 SUM_RIGHT_SIDE_SQUARED = wp.constant(2)
 SUM_CHANGE = wp.constant(3)
 SUM_OUTFLOW = wp.constant(4)
-SUM_DIRECTION = wp.constant(5)
-SUM_RESIDUAL = wp.constant(6)
-SUM_COUNT = 7
+SUM_COUNT = 5
 
 SumLanes = wp.types.vector(LANES, wp.float64)
 
@@ -95,8 +91,7 @@ def start_iteration(
     solver_out[PRECONDITIONED] = wp.float64(0.0)
     solver_out[STEP_LENGTH] = wp.float64(0.0)
     solver_out[ITERATIONS] = wp.float64(0.0)
-    solver_out[CHANGE_SHIFT] = wp.float64(0.0)
-    solver_out[RESIDUAL_SHIFT] = sum_rows(row_sum, SUM_OUTFLOW) / coupled_count
+    solver_out[LEAK] = sum_rows(row_sum, SUM_OUTFLOW) / coupled_count
 
 
 @wp.kernel
@@ -183,29 +178,24 @@ def choose_step_length(
     # inputs:
     row_sum: wp.array3d[wp.float64],
     coupled_count: wp.float64,
-    closed: wp.float64,
     # outputs:
     solver_out: wp.array[wp.float64],
 ):
     """Length of the step along the direction: 0 once the residual is small enough (one thread).
 
     Args:
-        row_sum: Product of the direction and its image, direction and outflow, shape [SUM_COUNT, segment, ny].
+        row_sum: Product of the direction and its image, and outflow, shape [SUM_COUNT, segment, ny].
         coupled_count: Number of cells that the system couples with others; 1 where there is none.
-        closed: 1 where nothing enters or leaves, else 0.
         solver_out: Shape [SLOT_COUNT].
     """
-    direction_sum = closed * sum_rows(row_sum, SUM_DIRECTION)
-    image_sum = direction_sum + sum_rows(row_sum, SUM_OUTFLOW)
-    curvature = sum_rows(row_sum, SUM_PRODUCT) - direction_sum * image_sum / coupled_count
+    curvature = sum_rows(row_sum, SUM_PRODUCT)
     step_length = wp.float64(0.0)
     if solver_out[RESIDUAL_SQUARED] > solver_out[LIMIT_SQUARED]:
         solver_out[ITERATIONS] += wp.float64(1.0)
         if curvature > wp.float64(0.0):
             step_length = solver_out[PRECONDITIONED] / curvature
     solver_out[STEP_LENGTH] = step_length
-    solver_out[CHANGE_SHIFT] -= step_length * direction_sum / coupled_count
-    solver_out[RESIDUAL_SHIFT] += step_length * image_sum / coupled_count
+    solver_out[LEAK] += step_length * sum_rows(row_sum, SUM_OUTFLOW) / coupled_count
 
 
 @wp.kernel
@@ -239,28 +229,24 @@ def advance_solution(
         change_out: The solution, shape [ny, block].
         residual_out: Shape [ny, block].
         swept_out: The new residual after the first sweep of the preconditioner, shape [ny, block].
-        row_sum_out: Squared residual, residual and change, shape [SUM_COUNT, segment, ny].
+        row_sum_out: Squared residual and change, shape [SUM_COUNT, segment, ny].
     """
     segment, row = wp.tid()
     residual_squared = residual_out.dtype()
-    residual_sum = SumLanes()
     change_sum = SumLanes()
     first = wp.max(span[row, 0], segment * segment_length)
     for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
         residual = residual_out[row, block]
         step_length = type(residual[0])(solver[STEP_LENGTH])
-        residual_shift = type(residual[0])(solver[RESIDUAL_SHIFT]) * coupled[row, block]
-        change_shift = type(residual[0])(solver[CHANGE_SHIFT]) * coupled[row, block]
-        residual = residual - step_length * image[row, block] + residual_shift
-        change = change_out[row, block] + step_length * direction[row, block] + change_shift
+        leak = type(residual[0])(solver[LEAK]) * coupled[row, block]
+        residual = residual - step_length * image[row, block] + leak
+        change = change_out[row, block] + step_length * direction[row, block]
         residual_out[row, block] = residual
         change_out[row, block] = change
         swept_out[row, block] = omega * wp.cw_mul(inverse_diagonal[row, block], residual)
         residual_squared += wp.cw_mul(residual, residual)
-        residual_sum += wide(residual)
         change_sum += wide(change)
     row_sum_out[SUM_RESIDUAL_SQUARED, segment, row] = sum_lanes(residual_squared)
-    row_sum_out[SUM_RESIDUAL, segment, row] = sum_lanes(residual_sum)
     row_sum_out[SUM_CHANGE, segment, row] = sum_lanes(change_sum)
 
 
@@ -268,21 +254,14 @@ def advance_solution(
 def measure_residual(
     # inputs:
     row_sum: wp.array3d[wp.float64],
-    coupled_count: wp.float64,
-    closed: wp.float64,
     # outputs:
     solver_out: wp.array[wp.float64],
 ):
-    """Squared norm of the residual, without its mean where nothing enters or leaves (one thread).
+    """Squared norm of the residual, from which the leak is taken off (one thread).
 
     Args:
         row_sum: From :func:`advance_solution`, shape [SUM_COUNT, segment, ny].
-        coupled_count: Number of cells that the system couples with others; 1 where there is none.
-        closed: 1 where nothing enters or leaves, else 0.
         solver_out: Shape [SLOT_COUNT].
     """
-    total = closed * sum_rows(row_sum, SUM_RESIDUAL)
-    mean = total / coupled_count
-    solver_out[RESIDUAL_SQUARED] = wp.max(sum_rows(row_sum, SUM_RESIDUAL_SQUARED) - total * mean, wp.float64(0.0))
-    solver_out[CHANGE_SHIFT] = wp.float64(0.0)
-    solver_out[RESIDUAL_SHIFT] = -mean
+    solver_out[RESIDUAL_SQUARED] = sum_rows(row_sum, SUM_RESIDUAL_SQUARED)
+    solver_out[LEAK] = wp.float64(0.0)

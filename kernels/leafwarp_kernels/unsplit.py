@@ -28,7 +28,6 @@ import warp as wp
 
 from leafwarp_kernels.conjugate_gradients import (
     SUM_CHANGE,
-    SUM_DIRECTION,
     SUM_OUTFLOW,
     SUM_PRODUCT,
     SUM_RESIDUAL_SQUARED,
@@ -157,7 +156,7 @@ def apply_system(
     image_out: wp.array2d[Lanes],
     row_sum_out: wp.array3d[wp.float64],
 ):
-    """``A direction``; its product with the direction, the direction and the outflow, a sum for each segment.
+    """``A direction``; its product with the direction, and the outflow, a sum for each segment.
 
     Args:
         direction: Shape [ny, block].
@@ -173,7 +172,6 @@ def apply_system(
     first = wp.max(span[row, 0], segment * segment_length)
     end = wp.min(span[row, 1], (segment + 1) * segment_length)
     total = direction.dtype()
-    direction_sum = SumLanes()
     outflow_sum = SumLanes()
     if first < end:
         last = last_flux(direction, faces_x, row, first)
@@ -183,12 +181,10 @@ def apply_system(
             outflow = (east - from_west(east, last)) + flux_across(direction, faces_y, row, block)
             last = east[LAST]
             image = wp.cw_mul(mass[row, block], here) + outflow
-            direction_sum += wide(here)
             outflow_sum += wide(outflow)
             image_out[row, block] = image
             total += wp.cw_mul(here, image)
     row_sum_out[SUM_PRODUCT, segment, row] = sum_lanes(total)
-    row_sum_out[SUM_DIRECTION, segment, row] = sum_lanes(direction_sum)
     row_sum_out[SUM_OUTFLOW, segment, row] = sum_lanes(outflow_sum)
 
 

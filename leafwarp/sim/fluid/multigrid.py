@@ -127,21 +127,17 @@ class Multigrid:
             state.upload(f"level_{level}_span", block_columns(cells > 0.0))
             cells = add_pairs(add_pairs(cells, 0), 1)
 
-    def upload_mass(self, state: State, mass: np.ndarray, is_closed: bool) -> None:
+    def upload_mass(self, state: State, mass: np.ndarray) -> None:
         """Fill what depends on the diagonal of E.
 
         Args:
             state: Holds the arrays.
             mass: Shape [ny, nx]; 0 off the leaf.
-            is_closed: No content enters or leaves. The sum of a correction is then 0, and left out: it would be
-                mere rounding, over a diagonal much smaller than the others.
         """
         system = System(mass, *self._faces)
         for level in range(len(self._shapes)):
             for name in ("mass", "faces_x", "faces_y", "inverse_diagonal"):
                 state.upload(f"level_{level}_{name}", getattr(system, name))
-            if level == len(self._shapes) - 1 and level > 0 and is_closed:
-                state[f"level_{level}_inverse_diagonal"].zero_()
             system = system.coarser()
 
     def record(self, state: State) -> list[Command]:

@@ -112,7 +112,7 @@ class UnsplitDiffusion(Stage):
         conductance = leaf_conductance(self.scene, self.leaf, time_step)
         faces = (conductance.x * time_step, conductance.y * time_step)
         self._cycle.upload_faces(state, mask, *faces)
-        self._cycle.upload_mass(state, mask.astype(np.float64), False)
+        self._cycle.upload_mass(state, mask.astype(np.float64))
         coupled = faces[0] + faces[1] > 0.0
         coupled[:, 1:] |= faces[0][:, :-1] > 0.0
         coupled[1:] |= faces[1][:-1] > 0.0
@@ -173,8 +173,8 @@ class UnsplitDiffusion(Stage):
             ]
             if closed:
                 start.insert(0, record(sum_change, dim, [change, *threads], [sums]))
-            length = record(choose_step_length, 1, [sums, count, 0.0], [solver])
-            measure = record(measure_residual, 1, [sums, count, 0.0], [solver])
+            length = record(choose_step_length, 1, [sums, count], [solver])
+            measure = record(measure_residual, 1, [sums], [solver])
             last = record(choose_shift, 1, [sums, count, closed], [shift])
             return _Step(start, [advance, measure], [*precondition, length, advance, measure], [last, finish])
 
@@ -246,7 +246,7 @@ class UnsplitDiffusion(Stage):
 
     def _iterate(self, step: _Step) -> None:
         for _ in range(0, MAXIMUM_ITERATIONS, self._iterations_per_look):
-            if self._residual_over_limit() <= 1.0:
+            if not self._residual_over_limit() > 1.0:
                 break
             for _ in range(self._iterations_per_look):
                 self._replay(step.iteration)
@@ -266,7 +266,7 @@ class UnsplitDiffusion(Stage):
     def _change_source(self) -> None:
         """Make the system anew, after the source's exchange has changed."""
         exchange = self._state["source_exchange"].numpy().astype(np.float64)
-        self._cycle.upload_mass(self._state, np.where(self.leaf.mask, 1.0 + exchange, 0.0), False)
+        self._cycle.upload_mass(self._state, np.where(self.leaf.mask, 1.0 + exchange, 0.0))
 
     def _residual_over_limit(self) -> float:
         numbers = self._solver.numpy()
