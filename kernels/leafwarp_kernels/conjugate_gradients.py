@@ -2,11 +2,21 @@
 
 The iteration's numbers stay on the device, so that no iteration waits for the host. Once the residual is
 small enough the step along the search direction has length 0, and further iterations change nothing: how
-often the host looks is of no consequence. Sums are taken in float64, each row by one thread and then over the
-rows, always in the same order, so that two runs agree to the last bit. (Hestenes and Stiefel 1952.)
+often the host looks is of no consequence. Sums are taken in float64, each segment of a row by one thread and then over
+all, always in the same order, so that two runs agree to the last bit. (Hestenes and Stiefel 1952.)
+
+What the cells of a map give to each other, the outflow, adds up to 0. The sum that rounding leaves, the leak, is taken
+off the residual, where it would grow to a constant of any size.
+
+Arrays are whole blocks of lanes (see :mod:`leafwarp_kernels.lanes`); a thread takes some blocks of a row, on a CPU all
+of them.
 """
 
+from typing import Any
+
 import warp as wp
+
+from leafwarp_kernels.lanes import LANES, Lanes
 
 wp.set_module_options({"enable_backward": False})
 
@@ -17,81 +27,115 @@ PRECONDITIONED = wp.constant(2)
 STEP_LENGTH = wp.constant(3)
 IMPROVEMENT = wp.constant(4)
 ITERATIONS = wp.constant(5)
-SLOT_COUNT = 6
+LEAK = wp.constant(6)
+SLOT_COUNT = 7
+
+# Slots of the sums of segments, shape [SUM_COUNT, segment, ny].
+SUM_RESIDUAL_SQUARED = wp.constant(0)
+SUM_PRODUCT = wp.constant(1)
+SUM_RIGHT_SIDE_SQUARED = wp.constant(2)
+SUM_CHANGE = wp.constant(3)
+SUM_OUTFLOW = wp.constant(4)
+SUM_COUNT = 5
+
+SumLanes = wp.types.vector(LANES, wp.float64)
 
 
 @wp.func
-def sum_rows(row_sum: wp.array2d[wp.float64], quantity: wp.int32):
-    """Sum of one slot over the rows."""
+def wide(a: Any):
+    """The lanes in float64."""
+    wider = SumLanes()
+    for lane in range(LANES):
+        wider[lane] = wp.float64(a[lane])
+    return wider
+
+
+@wp.func
+def sum_lanes(a: Any):
+    """Sum over the lanes, in float64."""
     total = wp.float64(0.0)
-    for row in range(row_sum.shape[1]):
-        total += row_sum[quantity, row]
+    for lane in range(LANES):
+        total += wp.float64(a[lane])
+    return total
+
+
+@wp.func
+def sum_rows(row_sum: wp.array3d[wp.float64], quantity: wp.int32):
+    """Sum of one slot over all segments."""
+    total = wp.float64(0.0)
+    for row in range(row_sum.shape[2]):
+        for segment in range(row_sum.shape[1]):
+            total += row_sum[quantity, segment, row]
     return total
 
 
 @wp.kernel
 def start_iteration(
     # inputs:
-    row_sum: wp.array2d[wp.float64],
+    row_sum: wp.array3d[wp.float64],
     tolerance: wp.float64,
+    coupled_count: wp.float64,
     # outputs:
     solver_out: wp.array[wp.float64],
 ):
     """Set the solver's numbers (one thread).
 
     Args:
-        row_sum: Sums of each row: slot 0 the squared residual, slot 1 the squared right side, shape [4, ny].
+        row_sum: Squared residual, squared right side and outflow, shape [SUM_COUNT, segment, ny].
         tolerance: Norm of the residual to reach, over the norm of the right side.
+        coupled_count: Number of cells that the system couples with others; 1 where there is none.
         solver_out: Shape [SLOT_COUNT].
     """
-    solver_out[RESIDUAL_SQUARED] = sum_rows(row_sum, 0)
-    solver_out[LIMIT_SQUARED] = tolerance * tolerance * sum_rows(row_sum, 1)
+    solver_out[RESIDUAL_SQUARED] = sum_rows(row_sum, SUM_RESIDUAL_SQUARED)
+    solver_out[LIMIT_SQUARED] = tolerance * tolerance * sum_rows(row_sum, SUM_RIGHT_SIDE_SQUARED)
     solver_out[PRECONDITIONED] = wp.float64(0.0)
+    solver_out[STEP_LENGTH] = wp.float64(0.0)
     solver_out[ITERATIONS] = wp.float64(0.0)
+    solver_out[LEAK] = sum_rows(row_sum, SUM_OUTFLOW) / coupled_count
 
 
 @wp.kernel
 def preconditioned_product(
     # inputs:
-    residual: wp.array2d[wp.Float],
-    row_solution: wp.array2d[wp.Float],
-    column_solution: wp.array2d[wp.Float],
+    residual: wp.array2d[Lanes],
+    preconditioned: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
+    segment_length: wp.int32,
     # outputs:
-    row_sum_out: wp.array2d[wp.float64],
+    row_sum_out: wp.array3d[wp.float64],
 ):
-    """Scalar product of the residual and the preconditioned residual, a sum for each row.
+    """Scalar product of the residual and the preconditioned residual, a sum for each segment.
 
     Args:
-        residual: Shape [ny, nx].
-        row_solution: ``T_x^-1 residual``, shape [ny, nx].
-        column_solution: ``T_y^-1 residual``, shape [ny, nx].
-        span: First leaf cell of each row and the one after its last, shape [ny, 2].
-        row_sum_out: Slot 1, shape [4, ny].
+        residual: Shape [ny, block].
+        preconditioned: Shape [ny, block].
+        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
+        segment_length: Blocks of a thread.
+        row_sum_out: Shape [SUM_COUNT, segment, ny].
     """
-    row = wp.tid()
-    total = wp.float64(0.0)
-    for column in range(span[row, 0], span[row, 1]):
-        preconditioned = row_solution[row, column] + column_solution[row, column]
-        total += wp.float64(residual[row, column]) * wp.float64(preconditioned)
-    row_sum_out[1, row] = total
+    segment, row = wp.tid()
+    total = residual.dtype()
+    first = wp.max(span[row, 0], segment * segment_length)
+    for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
+        total += wp.cw_mul(residual[row, block], preconditioned[row, block])
+    row_sum_out[SUM_PRODUCT, segment, row] = sum_lanes(total)
 
 
 @wp.kernel
 def improve_direction(
     # inputs:
-    row_sum: wp.array2d[wp.float64],
+    row_sum: wp.array3d[wp.float64],
     # outputs:
     solver_out: wp.array[wp.float64],
 ):
     """Share of the last search direction in the next (one thread).
 
     Args:
-        row_sum: Slot 1 from :func:`preconditioned_product`, shape [4, ny].
+        row_sum: From :func:`preconditioned_product`, shape [SUM_COUNT, segment, ny].
         solver_out: Shape [SLOT_COUNT].
     """
     before = solver_out[PRECONDITIONED]
-    now = sum_rows(row_sum, 1)
+    now = sum_rows(row_sum, SUM_PRODUCT)
     improvement = wp.float64(0.0)
     if before > wp.float64(0.0):
         improvement = now / before
@@ -102,99 +146,122 @@ def improve_direction(
 @wp.kernel
 def update_direction(
     # inputs:
-    row_solution: wp.array2d[wp.Float],
-    column_solution: wp.array2d[wp.Float],
+    preconditioned: wp.array2d[Lanes],
+    coupled: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
+    segment_length: wp.int32,
     solver: wp.array[wp.float64],
     # outputs:
-    direction_out: wp.array2d[wp.Float],
+    direction_out: wp.array2d[Lanes],
 ):
     """The next search direction.
 
     Args:
-        row_solution: ``T_x^-1 residual``, shape [ny, nx].
-        column_solution: ``T_y^-1 residual``, shape [ny, nx].
-        span: First leaf cell of each row and the one after its last, shape [ny, 2].
+        preconditioned: The preconditioned residual, shape [ny, block].
+        coupled: 1 where the system couples a cell with others, else 0: such cells are left alone. Shape [ny, block].
+        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
+        segment_length: Blocks of a thread.
         solver: Shape [SLOT_COUNT].
-        direction_out: Shape [ny, nx].
+        direction_out: Shape [ny, block].
     """
-    row = wp.tid()
-    for column in range(span[row, 0], span[row, 1]):
-        direction = direction_out[row, column]
-        improvement = type(direction)(solver[IMPROVEMENT])
-        preconditioned = row_solution[row, column] + column_solution[row, column]
-        direction_out[row, column] = preconditioned + improvement * direction
+    segment, row = wp.tid()
+    first = wp.max(span[row, 0], segment * segment_length)
+    for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
+        before = direction_out[row, block]
+        improvement = type(before[0])(solver[IMPROVEMENT])
+        direction = preconditioned[row, block] + improvement * before
+        direction_out[row, block] = wp.cw_mul(coupled[row, block], direction)
 
 
 @wp.kernel
 def choose_step_length(
     # inputs:
-    row_sum: wp.array2d[wp.float64],
+    row_sum: wp.array3d[wp.float64],
+    coupled_count: wp.float64,
     # outputs:
     solver_out: wp.array[wp.float64],
 ):
     """Length of the step along the direction: 0 once the residual is small enough (one thread).
 
     Args:
-        row_sum: Slot 0 from :func:`apply_system`, shape [4, ny].
+        row_sum: Product of the direction and its image, and outflow, shape [SUM_COUNT, segment, ny].
+        coupled_count: Number of cells that the system couples with others; 1 where there is none.
         solver_out: Shape [SLOT_COUNT].
     """
-    curvature = sum_rows(row_sum, 0)
+    curvature = sum_rows(row_sum, SUM_PRODUCT)
     step_length = wp.float64(0.0)
     if solver_out[RESIDUAL_SQUARED] > solver_out[LIMIT_SQUARED]:
         solver_out[ITERATIONS] += wp.float64(1.0)
         if curvature > wp.float64(0.0):
             step_length = solver_out[PRECONDITIONED] / curvature
     solver_out[STEP_LENGTH] = step_length
+    solver_out[LEAK] += step_length * sum_rows(row_sum, SUM_OUTFLOW) / coupled_count
 
 
 @wp.kernel
-def update_solution(
+def advance_solution(
     # inputs:
-    direction: wp.array2d[wp.Float],
-    image: wp.array2d[wp.Float],
+    direction: wp.array2d[Lanes],
+    image: wp.array2d[Lanes],
+    coupled: wp.array2d[Lanes],
+    inverse_diagonal: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
+    segment_length: wp.int32,
+    omega: wp.Float,
     solver: wp.array[wp.float64],
     # outputs:
-    water_out: wp.array2d[wp.Float],
-    residual_out: wp.array2d[wp.Float],
-    row_sum_out: wp.array2d[wp.float64],
+    change_out: wp.array2d[Lanes],
+    residual_out: wp.array2d[Lanes],
+    swept_out: wp.array2d[Lanes],
+    row_sum_out: wp.array3d[wp.float64],
 ):
-    """Step along the direction; the squared residual, a sum for each row.
+    """Step along the direction; the preconditioner's first sweep; sums of each segment.
 
     Args:
-        direction: Shape [ny, nx].
-        image: ``A direction``, shape [ny, nx].
-        span: First leaf cell of each row and the one after its last, shape [ny, 2].
+        direction: Shape [ny, block].
+        image: ``A direction``, shape [ny, block].
+        coupled: 1 where the system couples a cell with others, else 0, shape [ny, block].
+        inverse_diagonal: Of A, 0 off the leaf, shape [ny, block].
+        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
+        segment_length: Blocks of a thread.
+        omega: Weight of the preconditioner's first sweep.
         solver: Shape [SLOT_COUNT].
-        water_out: The solution, shape [ny, nx].
-        residual_out: Shape [ny, nx].
-        row_sum_out: Slot 0, shape [4, ny].
+        change_out: The solution, shape [ny, block].
+        residual_out: Shape [ny, block].
+        swept_out: The new residual after the first sweep of the preconditioner, shape [ny, block].
+        row_sum_out: Squared residual and change, shape [SUM_COUNT, segment, ny].
     """
-    row = wp.tid()
-    total = wp.float64(0.0)
-    for column in range(span[row, 0], span[row, 1]):
-        residual = residual_out[row, column]
-        step_length = type(residual)(solver[STEP_LENGTH])
-        residual -= step_length * image[row, column]
-        residual_out[row, column] = residual
-        # Not by +=, which is an atomic addition in every cell and drops subnormal numbers on a GPU.
-        water_out[row, column] = water_out[row, column] + step_length * direction[row, column]
-        total += wp.float64(residual) * wp.float64(residual)
-    row_sum_out[0, row] = total
+    segment, row = wp.tid()
+    residual_squared = residual_out.dtype()
+    change_sum = SumLanes()
+    first = wp.max(span[row, 0], segment * segment_length)
+    for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
+        residual = residual_out[row, block]
+        step_length = type(residual[0])(solver[STEP_LENGTH])
+        leak = type(residual[0])(solver[LEAK]) * coupled[row, block]
+        residual = residual - step_length * image[row, block] + leak
+        change = change_out[row, block] + step_length * direction[row, block]
+        residual_out[row, block] = residual
+        change_out[row, block] = change
+        swept_out[row, block] = omega * wp.cw_mul(inverse_diagonal[row, block], residual)
+        residual_squared += wp.cw_mul(residual, residual)
+        change_sum += wide(change)
+    row_sum_out[SUM_RESIDUAL_SQUARED, segment, row] = sum_lanes(residual_squared)
+    row_sum_out[SUM_CHANGE, segment, row] = sum_lanes(change_sum)
 
 
 @wp.kernel
 def measure_residual(
     # inputs:
-    row_sum: wp.array2d[wp.float64],
+    row_sum: wp.array3d[wp.float64],
     # outputs:
     solver_out: wp.array[wp.float64],
 ):
-    """Squared norm of the residual (one thread).
+    """Squared norm of the residual, from which the leak is taken off (one thread).
 
     Args:
-        row_sum: Slot 0 from :func:`update_solution`, shape [4, ny].
+        row_sum: From :func:`advance_solution`, shape [SUM_COUNT, segment, ny].
         solver_out: Shape [SLOT_COUNT].
     """
-    solver_out[RESIDUAL_SQUARED] = sum_rows(row_sum, 0)
+    solver_out[RESIDUAL_SQUARED] = sum_rows(row_sum, SUM_RESIDUAL_SQUARED)
+    solver_out[LEAK] = wp.float64(0.0)

@@ -1,272 +1,284 @@
 """The system of a diffusion step along rows and columns at once (backward Euler, no splitting error).
 
-The step solves ``A y = f`` with ``A = I + L_x + L_y``, where ``L_x`` and ``L_y`` couple each cell with its
-neighbours along rows and columns with ``beta = conductance * dt``. A is a symmetric M-matrix with row sums 1,
-so the exact solution conserves water and stays between the extremes of ``f``. No eigenvalue of A is below 1;
-hence the error of an approximate solution is never larger than its residual, ``|y - y_exact| <= |f - A y|``.
+The step solves ``A y = f`` with ``A = I + L``, where ``L`` couples each cell with its neighbours along rows and
+columns with ``beta = conductance * dt``. A is a symmetric M-matrix with row sums 1, so the exact solution conserves
+water and stays between the extremes of ``f``. No eigenvalue of A is below 1; hence the error of an approximate solution
+is never larger than its residual, ``|y - y_exact| <= |f - A y|``.
 
-It is solved by conjugate gradients (:mod:`leafwarp_kernels.conjugate_gradients`) from ``y = f``,
-preconditioned with the sum of two line solves (:mod:`leafwarp_kernels.tridiagonal`), which is symmetric and
-positive definite:
+It is solved for the change ``d = y - f`` by conjugate gradients (:mod:`leafwarp_kernels.conjugate_gradients`),
+preconditioned with a multigrid cycle (:mod:`leafwarp_kernels.multigrid`). Three things are handed on from step to step:
 
-    P^-1 = T_x^-1 + T_y^-1,    T_x = I + L_x + diag(L_y),    T_y = I + L_y + diag(L_x).
+- The last increment ``y - y_before``: the start is what another such increment would give.
+- What rounding to the stored contents has cut off. With it the start is a smooth field. Without, the noise of the last
+  bit, times beta, would be a residual far above what is accepted.
+- The residual that is left. It is added to the right side of the next step (the change of ``f`` and this sum
+  telescope), so that what a step leaves undone is made up for by the next, and errors do not add up over the steps.
 
-The mean content is an eigenvector of A with eigenvalue 1, so its error after the iteration is known exactly:
-:func:`shift_water` removes it.
+The sum of the contents is an eigenvector of A with eigenvalue 1, so that the sum of ``d`` is 0 in exact arithmetic:
+:func:`finish_step` takes its error off.
 
-A source (:mod:`leafwarp_kernels.source`) makes the system ``(E + L_x + L_y) y = E f'`` with ``E = I + S``. From
-``y = f'`` its residual is ``-(L_x + L_y) f'``, as without a source; S is added to A (:func:`apply_exchange`) and to
-both matrices of the preconditioner. Eigenvalues do not fall below 1, so the bound of the error holds. The mean
-content is no eigenvector any more: there is no shift while the source is open.
+A source (:mod:`leafwarp_kernels.source`) makes the system ``(E + L) y = E f'`` with ``E = I + S``, whose residual is
+``-E d - L (f' + d)``. Eigenvalues do not fall below 1, so the bound of the error holds; the sum of ``d`` is not 0.
+
+Arrays are whole blocks of lanes (see :mod:`leafwarp_kernels.lanes`), 0 off the leaf; a thread takes some blocks of a
+row, on a CPU all of them.
 """
 
 import warp as wp
 
-from leafwarp_kernels.conjugate_gradients import sum_rows
+from leafwarp_kernels.conjugate_gradients import (
+    SUM_CHANGE,
+    SUM_OUTFLOW,
+    SUM_PRODUCT,
+    SUM_RESIDUAL_SQUARED,
+    SUM_RIGHT_SIDE_SQUARED,
+    SumLanes,
+    sum_lanes,
+    sum_rows,
+    wide,
+)
+from leafwarp_kernels.lanes import Lanes
+from leafwarp_kernels.multigrid import LAST, flux_across, flux_east, from_west, last_flux
 
 wp.set_module_options({"enable_backward": False})
 
 
-@wp.func
-def outflow(
-    values: wp.array2d[wp.Float],
-    conductance_x: wp.array2d[wp.Float],
-    conductance_y: wp.array2d[wp.Float],
-    row: wp.int32,
-    column: wp.int32,
-    time_step: wp.Float,
-):
-    """``((L_x + L_y) values)`` at one cell, in float64: the fluxes may cancel to a small part of each."""
-    here = wp.float64(values[row, column])
-    total = wp.float64(0.0)
-    east = conductance_x[row, column]
-    if east > type(time_step)(0.0):
-        total += wp.float64(east) * (here - wp.float64(values[row, column + 1]))
-    north = conductance_y[row, column]
-    if north > type(time_step)(0.0):
-        total += wp.float64(north) * (here - wp.float64(values[row + 1, column]))
-    if column > 0:
-        total += wp.float64(conductance_x[row, column - 1]) * (here - wp.float64(values[row, column - 1]))
-    if row > 0:
-        total += wp.float64(conductance_y[row - 1, column]) * (here - wp.float64(values[row - 1, column]))
-    return total * wp.float64(time_step)
-
-
 @wp.kernel
-def direction_diagonals(
+def guess_change(
     # inputs:
-    conductance_x: wp.array2d[wp.Float],
-    conductance_y: wp.array2d[wp.Float],
-    exchange: wp.array2d[wp.Float],
-    time_step: wp.Float,
+    water: wp.array2d[Lanes],
+    before: wp.array2d[Lanes],
+    rounding: wp.array2d[Lanes],
+    increment: wp.array2d[Lanes],
+    coupled: wp.array2d[Lanes],
+    span: wp.array2d[wp.int32],
+    segment_length: wp.int32,
     # outputs:
-    diagonal_x_out: wp.array2d[wp.Float],
-    diagonal_y_out: wp.array2d[wp.Float],
+    change_out: wp.array2d[Lanes],
 ):
-    """The diagonals of ``L_x`` and ``L_y``, each with ``S`` of a source added, shape [ny, nx].
+    """The change after which the contents would have grown by the same increment as in the last step.
 
     Args:
-        conductance_x: Rate of exchange of each cell with its right neighbour [1/s], shape [ny, nx].
-        conductance_y: The same with its upper neighbour.
-        exchange: ``S``, shape [ny, nx]; None for none.
-        time_step: [s].
-        diagonal_x_out: Shape [ny, nx].
-        diagonal_y_out: Shape [ny, nx].
+        water: Contents before the step, ``f``, shape [ny, block].
+        before: Contents after the last step, shape [ny, block].
+        rounding: What was cut off from them, shape [ny, block].
+        increment: Increment of the last step, shape [ny, block].
+        coupled: 1 where a cell exchanges water with another, else 0, shape [ny, block].
+        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
+        segment_length: Blocks of a thread.
+        change_out: ``d``, shape [ny, block].
     """
-    row, column = wp.tid()
-    along_x = conductance_x[row, column] * time_step
-    along_y = conductance_y[row, column] * time_step
-    if column > 0:
-        along_x += conductance_x[row, column - 1] * time_step
-    if row > 0:
-        along_y += conductance_y[row - 1, column] * time_step
-    if exchange:
-        along_x += exchange[row, column]
-        along_y += exchange[row, column]
-    diagonal_x_out[row, column] = along_x
-    diagonal_y_out[row, column] = along_y
+    segment, row = wp.tid()
+    first = wp.max(span[row, 0], segment * segment_length)
+    for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
+        passed = before[row, block] - water[row, block]
+        change = passed + (rounding[row, block] + increment[row, block])
+        change_out[row, block] = wp.cw_mul(coupled[row, block], change)
 
 
 @wp.kernel
 def start_residual(
     # inputs:
-    water: wp.array2d[wp.Float],
-    conductance_x: wp.array2d[wp.Float],
-    conductance_y: wp.array2d[wp.Float],
-    diagonal_x: wp.array2d[wp.Float],
-    diagonal_y: wp.array2d[wp.Float],
+    water: wp.array2d[Lanes],
+    change: wp.array2d[Lanes],
+    coupled: wp.array2d[Lanes],
+    shift: wp.array[wp.float64],
+    mass: wp.array2d[Lanes],
+    faces_x: wp.array2d[Lanes],
+    faces_y: wp.array2d[Lanes],
+    inverse_diagonal: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
-    time_step: wp.Float,
+    segment_length: wp.int32,
+    omega: wp.Float,
     # outputs:
-    residual_out: wp.array2d[wp.Float],
-    direction_out: wp.array2d[wp.Float],
-    row_sum_out: wp.array2d[wp.float64],
+    residual_out: wp.array2d[Lanes],
+    swept_out: wp.array2d[Lanes],
+    row_sum_out: wp.array3d[wp.float64],
 ):
-    """The residual of ``y = f``, which is ``-(L_x + L_y) f``; a search direction of 0; sums of each row.
+    """The residual at the start; sums of each segment.
 
     Args:
-        water: Contents before the step, ``f``, shape [ny, nx].
-        conductance_x: Rate of exchange of each cell with its right neighbour [1/s], shape [ny, nx].
-        conductance_y: The same with its upper neighbour.
-        diagonal_x: From :func:`direction_diagonals`, shape [ny, nx].
-        diagonal_y: From :func:`direction_diagonals`, shape [ny, nx].
-        span: First leaf cell of each row and the one after its last, shape [ny, 2].
-        time_step: [s].
-        residual_out: Shape [ny, nx].
-        direction_out: Shape [ny, nx].
-        row_sum_out: Squared residual, squared content, content of coupled cells and their count, shape [4,
-            ny].
+        water: Contents before the step, ``f``, shape [ny, block].
+        change: ``d``, shape [ny, block].
+        coupled: 1 where a cell exchanges water with another, else 0, shape [ny, block].
+        shift: What the change of coupled cells will be given at the end of the step, shape [1].
+        mass: The diagonal of ``E``, shape [ny, block].
+        faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
+        faces_y: The same to its upper neighbour.
+        inverse_diagonal: Of A, 0 off the leaf, shape [ny, block].
+        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
+        segment_length: Blocks of a thread.
+        omega: Weight of the preconditioner's first sweep.
+        residual_out: That of the last step, or 0; that of this one is added. Shape [ny, block].
+        swept_out: The residual after the first sweep of the preconditioner, shape [ny, block].
+        row_sum_out: Squared residual, squared content, change and outflow, shape [SUM_COUNT, segment, ny].
     """
-    row = wp.tid()
-    residual_squared = wp.float64(0.0)
-    content_squared = wp.float64(0.0)
-    content_sum = wp.float64(0.0)
-    coupled_count = wp.float64(0.0)
-    for column in range(span[row, 0], span[row, 1]):
-        content = wp.float64(water[row, column])
-        residual = type(time_step)(-outflow(water, conductance_x, conductance_y, row, column, time_step))
-        residual_out[row, column] = residual
-        direction_out[row, column] = type(time_step)(0.0)
-        residual_squared += wp.float64(residual) * wp.float64(residual)
-        content_squared += content * content
-        if diagonal_x[row, column] + diagonal_y[row, column] > type(time_step)(0.0):
-            content_sum += content
-            coupled_count += wp.float64(1.0)
-    row_sum_out[0, row] = residual_squared
-    row_sum_out[1, row] = content_squared
-    row_sum_out[2, row] = content_sum
-    row_sum_out[3, row] = coupled_count
+    segment, row = wp.tid()
+    first = wp.max(span[row, 0], segment * segment_length)
+    end = wp.min(span[row, 1], (segment + 1) * segment_length)
+    residual_squared = water.dtype()
+    content_squared = water.dtype()
+    change_sum = SumLanes()
+    outflow_sum = SumLanes()
+    if first < end:
+        last = last_flux(water, faces_x, row, first) + last_flux(change, faces_x, row, first)
+        for block in range(first, end):
+            east = flux_east(water, faces_x, row, block) + flux_east(change, faces_x, row, block)
+            across = flux_across(water, faces_y, row, block) + flux_across(change, faces_y, row, block)
+            outflow = (east - from_west(east, last)) + across
+            last = east[LAST]
+            content = water[row, block]
+            here = change[row, block]
+            shifted = here + type(here[0])(shift[0]) * coupled[row, block]
+            residual = residual_out[row, block] - wp.cw_mul(mass[row, block], shifted) - outflow
+            residual_out[row, block] = residual
+            swept_out[row, block] = omega * wp.cw_mul(inverse_diagonal[row, block], residual)
+            residual_squared += wp.cw_mul(residual, residual)
+            content_squared += wp.cw_mul(content, content)
+            change_sum += wide(here)
+            outflow_sum += wide(outflow)
+    row_sum_out[SUM_RESIDUAL_SQUARED, segment, row] = sum_lanes(residual_squared)
+    row_sum_out[SUM_RIGHT_SIDE_SQUARED, segment, row] = sum_lanes(content_squared)
+    row_sum_out[SUM_CHANGE, segment, row] = sum_lanes(change_sum)
+    row_sum_out[SUM_OUTFLOW, segment, row] = sum_lanes(outflow_sum)
 
 
 @wp.kernel
 def apply_system(
     # inputs:
-    direction: wp.array2d[wp.Float],
-    conductance_x: wp.array2d[wp.Float],
-    conductance_y: wp.array2d[wp.Float],
+    direction: wp.array2d[Lanes],
+    mass: wp.array2d[Lanes],
+    faces_x: wp.array2d[Lanes],
+    faces_y: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
-    time_step: wp.Float,
+    segment_length: wp.int32,
     # outputs:
-    image_out: wp.array2d[wp.Float],
-    row_sum_out: wp.array2d[wp.float64],
+    image_out: wp.array2d[Lanes],
+    row_sum_out: wp.array3d[wp.float64],
 ):
-    """``A direction``, and its scalar product with the direction, a sum for each row.
+    """``A direction``; its product with the direction, and the outflow, a sum for each segment.
 
     Args:
-        direction: Shape [ny, nx].
-        conductance_x: Rate of exchange of each cell with its right neighbour [1/s], shape [ny, nx].
-        conductance_y: The same with its upper neighbour.
-        span: First leaf cell of each row and the one after its last, shape [ny, 2].
-        time_step: [s].
-        image_out: Shape [ny, nx].
-        row_sum_out: Slot 0, shape [4, ny].
+        direction: Shape [ny, block].
+        mass: The diagonal of ``E``, shape [ny, block].
+        faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
+        faces_y: The same to its upper neighbour.
+        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
+        segment_length: Blocks of a thread.
+        image_out: Shape [ny, block].
+        row_sum_out: Shape [SUM_COUNT, segment, ny].
     """
-    row = wp.tid()
-    total = wp.float64(0.0)
-    for column in range(span[row, 0], span[row, 1]):
-        here = wp.float64(direction[row, column])
-        image = here + outflow(direction, conductance_x, conductance_y, row, column, time_step)
-        image_out[row, column] = type(time_step)(image)
-        total += here * image
-    row_sum_out[0, row] = total
+    segment, row = wp.tid()
+    first = wp.max(span[row, 0], segment * segment_length)
+    end = wp.min(span[row, 1], (segment + 1) * segment_length)
+    total = direction.dtype()
+    outflow_sum = SumLanes()
+    if first < end:
+        last = last_flux(direction, faces_x, row, first)
+        for block in range(first, end):
+            here = direction[row, block]
+            east = flux_east(direction, faces_x, row, block)
+            outflow = (east - from_west(east, last)) + flux_across(direction, faces_y, row, block)
+            last = east[LAST]
+            image = wp.cw_mul(mass[row, block], here) + outflow
+            outflow_sum += wide(outflow)
+            image_out[row, block] = image
+            total += wp.cw_mul(here, image)
+    row_sum_out[SUM_PRODUCT, segment, row] = sum_lanes(total)
+    row_sum_out[SUM_OUTFLOW, segment, row] = sum_lanes(outflow_sum)
 
 
 @wp.kernel
-def apply_exchange(
+def sum_change(
     # inputs:
-    direction: wp.array2d[wp.Float],
-    exchange: wp.array2d[wp.Float],
+    change: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
+    segment_length: wp.int32,
     # outputs:
-    image_out: wp.array2d[wp.Float],
-    row_sum_out: wp.array2d[wp.float64],
+    row_sum_out: wp.array3d[wp.float64],
 ):
-    """Add a source's ``S direction`` to what :func:`apply_system` has made of the direction.
+    """Sum of the change over each segment.
 
     Args:
-        direction: Shape [ny, nx].
-        exchange: ``S``, shape [ny, nx].
-        span: First source cell of each row and the one after its last, shape [ny, 2].
-        image_out: Shape [ny, nx]; added to.
-        row_sum_out: Slot 0, shape [4, ny]; added to.
+        change: ``d``, shape [ny, block].
+        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
+        segment_length: Blocks of a thread.
+        row_sum_out: Shape [SUM_COUNT, segment, ny].
     """
-    row = wp.tid()
-    total = wp.float64(0.0)
-    for column in range(span[row, 0], span[row, 1]):
-        here = direction[row, column]
-        exchanged = wp.float64(exchange[row, column]) * wp.float64(here)
-        image_out[row, column] = type(here)(wp.float64(image_out[row, column]) + exchanged)
-        total += wp.float64(here) * exchanged
-    row_sum_out[0, row] += total
-
-
-@wp.kernel
-def sum_coupled_water(
-    # inputs:
-    water: wp.array2d[wp.Float],
-    diagonal_x: wp.array2d[wp.Float],
-    diagonal_y: wp.array2d[wp.Float],
-    span: wp.array2d[wp.int32],
-    # outputs:
-    row_sum_out: wp.array2d[wp.float64],
-):
-    """Content of the cells that exchange water, a sum for each row.
-
-    Args:
-        water: Shape [ny, nx].
-        diagonal_x: From :func:`direction_diagonals`, shape [ny, nx].
-        diagonal_y: From :func:`direction_diagonals`, shape [ny, nx].
-        span: First leaf cell of each row and the one after its last, shape [ny, 2].
-        row_sum_out: Slot 0, shape [4, ny].
-    """
-    row = wp.tid()
-    total = wp.float64(0.0)
-    for column in range(span[row, 0], span[row, 1]):
-        content = water[row, column]
-        if diagonal_x[row, column] + diagonal_y[row, column] > type(content)(0.0):
-            total += wp.float64(content)
-    row_sum_out[0, row] = total
+    segment, row = wp.tid()
+    total = SumLanes()
+    first = wp.max(span[row, 0], segment * segment_length)
+    for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
+        total += wide(change[row, block])
+    row_sum_out[SUM_CHANGE, segment, row] = sum_lanes(total)
 
 
 @wp.kernel
 def choose_shift(
     # inputs:
-    row_sum: wp.array2d[wp.float64],
+    row_sum: wp.array3d[wp.float64],
+    coupled_count: wp.float64,
+    closed: wp.float64,
     # outputs:
     shift_out: wp.array[wp.float64],
 ):
-    """Error of the mean content of the cells that exchange water (one thread).
+    """What every coupled cell has to gain so that none of the content is lost or made (one thread).
 
     Args:
-        row_sum: Slot 0 from :func:`sum_coupled_water`, slots 2 and 3 from :func:`start_residual`, shape [4,
-            ny].
+        row_sum: Sums of the change, shape [SUM_COUNT, segment, ny].
+        coupled_count: Number of coupled cells; 1 where there is none.
+        closed: 1 where nothing enters or leaves, else 0.
         shift_out: Shape [1].
     """
-    coupled_count = wp.max(sum_rows(row_sum, 3), wp.float64(1.0))
-    shift_out[0] = (sum_rows(row_sum, 2) - sum_rows(row_sum, 0)) / coupled_count
+    shift_out[0] = -closed * sum_rows(row_sum, SUM_CHANGE) / coupled_count
 
 
 @wp.kernel
-def shift_water(
+def finish_step(
     # inputs:
-    diagonal_x: wp.array2d[wp.Float],
-    diagonal_y: wp.array2d[wp.Float],
-    span: wp.array2d[wp.int32],
+    change: wp.array2d[Lanes],
+    coupled: wp.array2d[Lanes],
     shift: wp.array[wp.float64],
+    span: wp.array2d[wp.int32],
+    segment_length: wp.int32,
     # outputs:
-    water_out: wp.array2d[wp.Float],
+    water_out: wp.array2d[Lanes],
+    before_out: wp.array2d[Lanes],
+    rounding_out: wp.array2d[Lanes],
+    increment_out: wp.array2d[Lanes],
+    residual_out: wp.array2d[Lanes],
+    added_out: wp.array2d[wp.float64],
 ):
-    """Give the cells that exchange water the mean content that they had before the step.
+    """The contents after the step, and what the next one starts from.
 
     Args:
-        diagonal_x: From :func:`direction_diagonals`, shape [ny, nx].
-        diagonal_y: From :func:`direction_diagonals`, shape [ny, nx].
-        span: First leaf cell of each row and the one after its last, shape [ny, 2].
-        shift: From :func:`choose_shift`, shape [1].
-        water_out: Shape [ny, nx].
+        change: ``d``, shape [ny, block].
+        coupled: 1 where a cell exchanges water with another, else 0, shape [ny, block].
+        shift: Added to the change of coupled cells, shape [1].
+        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
+        segment_length: Blocks of a thread.
+        water_out: Contents before and after the step, shape [ny, block].
+        before_out: Contents after the last step and after this one, shape [ny, block].
+        rounding_out: What was cut off from them, shape [ny, block].
+        increment_out: Increment of this step, shape [ny, block].
+        residual_out: Shape [ny, block]; less what the shift has made up for.
+        added_out: Content added to each segment so far, shape [segment, ny]; None where none is counted.
     """
-    row = wp.tid()
-    for column in range(span[row, 0], span[row, 1]):
-        content = water_out[row, column]
-        if diagonal_x[row, column] + diagonal_y[row, column] > type(content)(0.0):
-            water_out[row, column] = type(content)(wp.float64(content) + shift[0])
+    segment, row = wp.tid()
+    added = SumLanes()
+    first = wp.max(span[row, 0], segment * segment_length)
+    for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
+        old = water_out[row, block]
+        shifted = type(old[0])(shift[0]) * coupled[row, block]
+        change_here = change[row, block] + shifted
+        new = old + change_here
+        passed = before_out[row, block] - old
+        increment_out[row, block] = change_here - (passed + rounding_out[row, block])
+        rounding_out[row, block] = change_here - (new - old)
+        before_out[row, block] = new
+        water_out[row, block] = new
+        residual_out[row, block] = residual_out[row, block] - shifted
+        if added_out:
+            added += wide(new) - wide(old)
+    if added_out:
+        added_out[segment, row] += sum_lanes(added)

@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
+
+import numpy as np
+import warp as wp
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
-from leafwarp.sim.fluid.lines import LineSolves, diffusion_supply, line_arrays, upload_conductance
-from leafwarp.sim.fluid.spans import line_spans
+from leafwarp.sim.fluid.conductance import leaf_conductance
+from leafwarp.sim.fluid.lines import diffusion_supply
+from leafwarp.sim.fluid.multigrid import Multigrid, thread_blocks
 from leafwarp.sim.fluid.steps import FluidSteps, NotConverged
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.stage import Interval, Stage
@@ -16,33 +21,40 @@ from leafwarp_kernels.conjugate_gradients import (
     LIMIT_SQUARED,
     RESIDUAL_SQUARED,
     SLOT_COUNT,
+    SUM_COUNT,
+    advance_solution,
     choose_step_length,
     improve_direction,
     measure_residual,
     preconditioned_product,
     start_iteration,
     update_direction,
-    update_solution,
 )
-from leafwarp_kernels.unsplit import (
-    apply_exchange,
-    apply_system,
-    choose_shift,
-    direction_diagonals,
-    shift_water,
-    start_residual,
-    sum_coupled_water,
-)
+from leafwarp_kernels.unsplit import apply_system, choose_shift, finish_step, guess_change, start_residual, sum_change
 
 MAXIMUM_ITERATIONS = 5000
+# Solves of a step, each for what the one before it has left, where one would lose too much to rounding.
+MAXIMUM_PASSES = 6
+# Share of a residual that rounding may leave, in units of the last place.
+ROUNDING = 10.0
 # Iterations between two looks at the residual from the host, which stall a GPU.
-ITERATIONS_PER_LOOK = 8
+ITERATIONS_PER_LOOK = 4
+
+
+REMEDY = (
+    "a shorter fluid.step, a larger fluid.tolerance, solver.precision = 'float64', fluid.solver = 'factor' or "
+    "fluid.scheme = 'split' would help"
+)
 
 
 class _Step(NamedTuple):
-    """The launches of a step: at its start, in each iteration and at its end."""
+    """The launches of a step: before its iterations, in each of them and at its end.
+
+    ``settle`` takes the mean off a residual that rounding has given one, before it is iterated on.
+    """
 
     start: list[Command]
+    settle: list[Command]
     iteration: list[Command]
     finish: list[Command]
 
@@ -68,99 +80,111 @@ class UnsplitDiffusion(Stage):
         shape = leaf.mask.shape
         self.iterations = 0
         self.most_iterations = 0
+        self._cycle = Multigrid(shape, "unsplit_residual", "unsplit_swept", "unsplit_preconditioned")
+        maps = {
+            "before": "contents after the last step",
+            "rounding": "what was cut off from them",
+            "increment": "increment of the last step",
+            "coupled": "1 where a cell exchanges water with another",
+            "change": "change of the contents by the step",
+            "residual": "residual of the step's system",
+            "swept": "the same after the first sweep of the preconditioner",
+            "preconditioned": "preconditioned residual",
+            "direction": "search direction",
+            "image": "the system's image of it",
+        }
         self.arrays = (
-            *line_arrays(shape),
-            ArraySpec("diagonal_x", shape, "real", "diagonal of the exchange along rows in a step"),
-            ArraySpec("diagonal_y", shape, "real", "diagonal of the exchange along columns in a step"),
-            ArraySpec("unsplit_residual", shape, "real", "residual of the step's system", padded=True),
-            ArraySpec("unsplit_direction", shape, "real", "search direction"),
-            ArraySpec(
-                "unsplit_row_solution", shape, "real", "residual solved along rows; the system's image", padded=True
-            ),
-            ArraySpec("unsplit_column_solution", shape, "real", "residual solved along columns", padded=True),
-            ArraySpec("unsplit_row_sum", (4, shape[0]), "float64", "sums of each row of cells"),
+            *(ArraySpec(f"unsplit_{name}", shape, "real", meaning, padded=True) for name, meaning in maps.items()),
+            *self._cycle.arrays,
             ArraySpec("unsplit_solver", (SLOT_COUNT,), "float64", "numbers of the conjugate gradients"),
             ArraySpec("unsplit_shift", (1,), "float64", "error of the mean content"),
         )
-        self._supply = diffusion_supply(scene, leaf, directions="x", lines_mix=True)
+        self._supply = diffusion_supply(scene, leaf, directions="x")
         if self._supply is not None:
-            span = ArraySpec("source_span", (shape[0], 2), "int32", "first source cell of each row and after its last")
             self.purpose += ", fed at the petiole base"
-            self.arrays += (*self._supply.arrays, span)
+            self.host_reads = ("source_exchange",)
+            self.arrays += self._supply.arrays
 
     def bind(self, state: State) -> None:
+        self._state = state
         time_step = FluidSteps.of(self.scene).length
-        shape = self.leaf.mask.shape
-        upload_conductance(self.scene, self.leaf, state, time_step)
-        faces, diagonals = ["conductance_x", "conductance_y"], ["diagonal_x", "diagonal_y"]
-        exchange = None
-        if self._supply is not None:
-            exchange = "source_exchange"
-        self._diagonals = state.record(direction_diagonals, shape, [*faces, exchange, time_step], diagonals)
-        self._diagonals.run()
-        rows_solve = LineSolves(self, state, "x", time_step, "diagonal_y")
-        columns_solve = LineSolves(self, state, "y", time_step, "diagonal_x")
-        self._solves = (rows_solve, columns_solve)
-        precondition = [
-            *rows_solve.record("unsplit_residual", "unsplit_row_solution"),
-            *columns_solve.record("unsplit_residual", "unsplit_column_solution"),
-        ]
-        start = self._record_start(state, [*faces, *diagonals, "row_span", time_step])
-        search, advance = self._record_iteration(state, [*faces, "row_span", time_step])
-        self._alone = _Step(start, [*precondition, *search, *advance], self._record_shift(state, diagonals))
-        step = self._alone
-        if self._supply is not None:
-            fill, count = self._supply.record(self, state, "x")
-            exchange = self._record_exchange(state)
-            step = self._fed = _Step([fill, *start], [*precondition, *search, exchange, *advance], [count])
-        self.commands = [*step.start, *step.iteration, *step.finish]
+        mask = self.leaf.mask
+        conductance = leaf_conductance(self.scene, self.leaf, time_step)
+        faces = (conductance.x * time_step, conductance.y * time_step)
+        self._cycle.upload_faces(state, mask, *faces)
+        self._cycle.upload_mass(state, mask.astype(np.float64))
+        coupled = faces[0] + faces[1] > 0.0
+        coupled[:, 1:] |= faces[0][:, :-1] > 0.0
+        coupled[1:] |= faces[1][:-1] > 0.0
+        state.upload("unsplit_coupled", coupled)
+        length, segments = thread_blocks(state.lanes("water").shape[1], state)
+        self._dim = (segments, mask.shape[0])
+        self._threads = ["level_0_span", length]
+        spec = ArraySpec("unsplit_sum", (SUM_COUNT, *self._dim), "float64", "sums of each segment of the rows")
+        self.add_array(state, spec)
+        self._record_step(state, float(coupled.sum()))
+        self.commands = [self._guess, *(command for part in self._alone for command in part)]
         self._solver = state["unsplit_solver"]
         self._iterations_per_look = ITERATIONS_PER_LOOK if state.device.is_cuda else 1
+        self._reach = 1.0 / (ROUNDING * np.finfo(state.precision).eps)
+        self._graphs: dict[int, wp.Graph] = {}
+        self._is_begun = False
 
-    def _record_start(self, state: State, system: list) -> list[Command]:
-        rows, record = self.leaf.mask.shape[0], state.record
-        outputs = ["unsplit_residual", "unsplit_direction", "unsplit_row_sum"]
-        return [
-            record(start_residual, rows, ["water", *system], outputs),
-            record(start_iteration, 1, ["unsplit_row_sum", self.scene.residual_tolerance], ["unsplit_solver"]),
+    def _record_step(self, state: State, coupled_count: float) -> None:
+        dim, threads, record, lanes = self._dim, self._threads, state.record, state.lanes
+        omega = self._cycle.first_weight
+        system = [lanes(f"level_0_{name}") for name in ("mass", "faces_x", "faces_y")]
+        inverse_diagonal = lanes("level_0_inverse_diagonal")
+        names = "before rounding increment coupled change residual swept preconditioned direction image"
+        (before, rounding, increment, coupled, change, residual, swept, preconditioned, direction, image) = (
+            lanes(f"unsplit_{name}") for name in names.split()
+        )
+        water, sums, solver, shift = lanes("water"), "unsplit_sum", "unsplit_solver", "unsplit_shift"
+        kept = [before, rounding, increment]
+        self._guess = record(guess_change, dim, [water, *kept, coupled, *threads], [change])
+        residual_at_start = record(
+            start_residual,
+            dim,
+            [water, change, coupled, shift, *system, inverse_diagonal, *threads, omega],
+            [residual, swept, sums],
+        )
+        precondition = [
+            *self._cycle.record(state),
+            record(preconditioned_product, dim, [residual, preconditioned, *threads], [sums]),
+            record(improve_direction, 1, [sums], [solver]),
+            record(update_direction, dim, [preconditioned, coupled, *threads, solver], [direction]),
+            record(apply_system, dim, [direction, *system, *threads], [image, sums]),
         ]
+        advance = record(
+            advance_solution,
+            dim,
+            [direction, image, coupled, inverse_diagonal, *threads, omega, solver],
+            [change, residual, swept, sums],
+        )
+        count, tolerance = max(coupled_count, 1.0), self.scene.residual_tolerance
 
-    def _record_iteration(self, state: State, system: list) -> tuple[list[Command], list[Command]]:
-        """An iteration up to the image of the search direction, and the rest of it."""
-        rows, record = self.leaf.mask.shape[0], state.record
-        solved = ["unsplit_row_solution", "unsplit_column_solution"]
-        image = "unsplit_row_solution"
-        search = [
-            record(preconditioned_product, rows, ["unsplit_residual", *solved, "row_span"], ["unsplit_row_sum"]),
-            record(improve_direction, 1, ["unsplit_row_sum"], ["unsplit_solver"]),
-            record(update_direction, rows, [*solved, "row_span", "unsplit_solver"], ["unsplit_direction"]),
-            record(apply_system, rows, ["unsplit_direction", *system], [image, "unsplit_row_sum"]),
-        ]
-        advance = [
-            record(choose_step_length, 1, ["unsplit_row_sum"], ["unsplit_solver"]),
-            record(
-                update_solution,
-                rows,
-                ["unsplit_direction", image, "row_span", "unsplit_solver"],
-                ["water", "unsplit_residual", "unsplit_row_sum"],
-            ),
-            record(measure_residual, 1, ["unsplit_row_sum"], ["unsplit_solver"]),
-        ]
-        return search, advance
+        def step(closed: float, added: str | None) -> _Step:
+            written = [water, *kept, residual, added]
+            finish = record(finish_step, dim, [change, coupled, shift, *threads], written)
+            start = [
+                record(choose_shift, 1, [sums, count, closed], [shift]),
+                residual_at_start,
+                record(start_iteration, 1, [sums, tolerance, count], [solver]),
+            ]
+            if closed:
+                start.insert(0, record(sum_change, dim, [change, *threads], [sums]))
+            length = record(choose_step_length, 1, [sums, count], [solver])
+            measure = record(measure_residual, 1, [sums], [solver])
+            last = record(choose_shift, 1, [sums, count, closed], [shift])
+            return _Step(start, [advance, measure], [*precondition, length, advance, measure], [last, finish])
 
-    def _record_exchange(self, state: State) -> Command:
-        state.upload("source_span", line_spans(self._supply.is_source))
-        inputs = ["unsplit_direction", "source_exchange", "source_span"]
-        outputs = ["unsplit_row_solution", "unsplit_row_sum"]
-        return state.record(apply_exchange, self.leaf.mask.shape[0], inputs, outputs)
-
-    def _record_shift(self, state: State, diagonals: list[str]) -> list[Command]:
-        rows, record = self.leaf.mask.shape[0], state.record
-        return [
-            record(sum_coupled_water, rows, ["water", *diagonals, "row_span"], ["unsplit_row_sum"]),
-            record(choose_shift, 1, ["unsplit_row_sum"], ["unsplit_shift"]),
-            record(shift_water, rows, [*diagonals, "row_span", "unsplit_shift"], ["water"]),
-        ]
+        self._alone = step(1.0, None)
+        if self._supply is not None:
+            # What fills the source cells is counted at once, and by the last launch what flows on from there.
+            self._fill = list(self._supply.record(self, state, "x"))
+            spec = ArraySpec("added_by_source_y", dim, "float64", "content added to each segment of the rows by flow")
+            self.add_array(state, spec)
+            self._fed = step(0.0, spec.name)
 
     def launches_of(self, interval: Interval | None = None) -> None:
         return None
@@ -171,43 +195,96 @@ class UnsplitDiffusion(Stage):
         Raises:
             NotConverged: The residual is not below the tolerance after :data:`MAXIMUM_ITERATIONS`.
         """
-        step = self._alone
+        step, is_new = self._alone, not self._is_begun
         if self._supply is not None:
             if self._supply.opening.update(interval):
-                self._factorise()
+                self._change_source()
+                is_new = True
             if self._supply.opening.seconds > 0.0:
                 step = self._fed
-        for command in step.start:
-            command.run()
+        if not self._is_begun:
+            wp.copy(self._state.whole("unsplit_before"), self._state.whole("water"))
+            self._is_begun = True
+        if step is not self._alone:
+            _run(self._fill)
+        if is_new:
+            # What the last steps did says nothing about this one.
+            for name in ("change", "rounding", "residual"):
+                self._state.whole(f"unsplit_{name}").zero_()
+        else:
+            self._guess.run()
+        _run(step.start)
+        if self._residual_over_limit() <= self._reach:
+            self._iterate(step)
+        else:
+            self._iterate_repeatedly(step)
+        _run(step.finish)
+
+    def _iterate_repeatedly(self, step: _Step) -> None:
+        """Solve again for what is left, until that changes the contents by no more than the tolerance.
+
+        Rounding in the first iterations, when the residual is that large, may be far more than what is accepted, and
+        the residual as the iteration knows it does not tell.
+        """
+        rounding = ROUNDING * float(np.finfo(self._state.precision).eps)
+        limit = math.sqrt(float(self._solver.numpy()[LIMIT_SQUARED]))
+        limit *= max(1.0, rounding / self.scene.residual_tolerance)
+        found = self._state["unsplit_change"].numpy().copy()
+        for _ in range(MAXIMUM_PASSES):
+            _run(step.settle)
+            self._iterate(step)
+            before, found = found, self._state["unsplit_change"].numpy().copy()
+            off = float(np.linalg.norm(found.astype(np.float64) - before))
+            if off <= limit:
+                return
+            self._state.whole("unsplit_residual").zero_()
+            _run(step.start)
+        raise NotConverged(
+            f"after {MAXIMUM_PASSES} solves rounding still changes the contents by {off / limit:.3g} "
+            f"times what fluid.tolerance = {self.scene.fluid.tolerance:g} accepts; {REMEDY}"
+        )
+
+    def _iterate(self, step: _Step) -> None:
         for _ in range(0, MAXIMUM_ITERATIONS, self._iterations_per_look):
-            if not self._above_tolerance():
+            if not self._residual_over_limit() > 1.0:
                 break
-            for command in step.iteration * self._iterations_per_look:
-                command.run()
+            for _ in range(self._iterations_per_look):
+                self._replay(step.iteration)
         self._check()
-        for command in step.finish:
-            command.run()
 
-    def _factorise(self) -> None:
-        """Make the preconditioner anew, after the source's exchange has changed."""
-        self._diagonals.run()
-        for solve in self._solves:
-            solve.eliminate()
+    def _replay(self, commands: list[Command]) -> None:
+        """Run an iteration as a graph, captured when it is first asked for."""
+        if id(commands) not in self._graphs:
+            counted = self._state.launch_count
+            with wp.ScopedCapture(device=self._state.device, force_module_load=False) as capture:
+                _run(commands)
+            self._state.launch_count = counted
+            self._graphs[id(commands)] = capture.graph
+        wp.capture_launch(self._graphs[id(commands)])
+        self._state.launch_count += len(commands)
 
-    def _above_tolerance(self) -> bool:
+    def _change_source(self) -> None:
+        """Make the system anew, after the source's exchange has changed."""
+        exchange = self._state["source_exchange"].numpy().astype(np.float64)
+        self._cycle.upload_mass(self._state, np.where(self.leaf.mask, 1.0 + exchange, 0.0))
+
+    def _residual_over_limit(self) -> float:
         numbers = self._solver.numpy()
-        return bool(numbers[RESIDUAL_SQUARED] > numbers[LIMIT_SQUARED])
+        squared, limit = float(numbers[RESIDUAL_SQUARED]), float(numbers[LIMIT_SQUARED])
+        return math.sqrt(squared / limit) if limit > 0.0 else math.inf if squared > 0.0 else 0.0
 
     def _check(self) -> None:
-        numbers = self._solver.numpy()
-        count = int(numbers[ITERATIONS])
+        count = int(self._solver.numpy()[ITERATIONS])
         self.iterations += count
         self.most_iterations = max(self.most_iterations, count)
-        if not numbers[RESIDUAL_SQUARED] <= numbers[LIMIT_SQUARED]:
-            short = (numbers[RESIDUAL_SQUARED] / numbers[LIMIT_SQUARED]) ** 0.5
+        short = self._residual_over_limit()
+        if not short <= 1.0:
             raise NotConverged(
                 f"after {count} iterations the unsplit scheme's residual is {short:.3g} times what "
-                f"fluid.tolerance = {self.scene.fluid.tolerance:g} accepts; a shorter fluid.step, a larger "
-                "fluid.tolerance, solver.precision = 'float64', fluid.solver = 'factor' or fluid.scheme = 'split' "
-                "would help"
+                f"fluid.tolerance = {self.scene.fluid.tolerance:g} accepts; {REMEDY}"
             )
+
+
+def _run(commands: list[Command]) -> None:
+    for command in commands:
+        command.run()

@@ -1,0 +1,231 @@
+"""A multigrid cycle for ``(E + L) x = b`` on a map, ``L`` the exchange between neighbours and ``E`` a diagonal.
+
+A cell of a coarser level is a block of 2 x 2 cells. With ``P`` constant on each block the system ``P^T (E + L) P`` of
+the coarser level is of the same kind: diagonals and conductances of the faces between blocks add up, so that veins of
+any direction are handed down, and a constant content stays one. Such a system is too stiff: what the coarser level
+finds is taken times :data:`OVERCORRECTION` (Braess 1995, "Towards algebraic multigrid for elliptic problems of second
+order"). The smoother is ``x + omega D^-1 (b - (E + L) x)`` with the diagonal ``D``, the ``omega`` of successive sweeps
+being those of a Chebyshev polynomial. Sweeps before and after the correction are the same, so that the cycle is
+symmetric and positive definite, as conjugate gradients need it.
+
+Where there is no leaf, ``b``, ``E`` and the conductances are 0. All arrays are whole blocks of lanes (see
+:mod:`leafwarp_kernels.lanes`); a thread takes some blocks of a row, on a CPU all of them.
+"""
+
+from typing import Any
+
+import warp as wp
+
+from leafwarp_kernels.lanes import LANES, Lanes
+
+wp.set_module_options({"enable_backward": False})
+
+HALF = LANES // 2
+LAST = LANES - 1
+
+
+@wp.func
+def flux_east(values: wp.array2d[Any], faces: wp.array2d[Any], row: wp.int32, block: wp.int32):
+    """What each cell of a block gives to its right neighbour."""
+    here = values[row, block]
+    beyond = values[row, wp.min(block + 1, values.shape[1] - 1)]
+    east = type(here)()
+    for lane in range(LAST):
+        east[lane] = here[lane + 1]
+    east[LAST] = beyond[0]
+    return wp.cw_mul(faces[row, block], here - east)
+
+
+@wp.func
+def last_flux(values: wp.array2d[Any], faces: wp.array2d[Any], row: wp.int32, block: wp.int32):
+    """What the cell before a block gives to the block's first cell."""
+    none = faces.dtype()
+    flux = none[0]
+    if block > 0:
+        flux = faces[row, block - 1][LAST] * (values[row, block - 1][LAST] - values[row, block][0])
+    return flux
+
+
+@wp.func
+def from_west(east: Any, last: Any):
+    """What each cell of a block gets from its left neighbour, from :func:`flux_east` and :func:`last_flux`."""
+    west = type(east)()
+    west[0] = last
+    for lane in range(LAST):
+        west[lane + 1] = east[lane]
+    return west
+
+
+@wp.func
+def flux_across(values: wp.array2d[Any], faces: wp.array2d[Any], row: wp.int32, block: wp.int32):
+    """What each cell of a block gives to its upper and lower neighbours."""
+    here = values[row, block]
+    above = wp.min(row + 1, values.shape[0] - 1)
+    below = wp.max(row - 1, 0)
+    up = wp.cw_mul(faces[row, block], here - values[above, block])
+    return up + wp.cw_mul(faces[below, block], here - values[below, block])
+
+
+@wp.func
+def residual_at(
+    right_side: wp.array2d[Any],
+    solution: wp.array2d[Any],
+    mass: wp.array2d[Any],
+    faces_x: wp.array2d[Any],
+    faces_y: wp.array2d[Any],
+    row: wp.int32,
+    block: wp.int32,
+    last: Any,
+):
+    """``b - (E + L) x`` of a block, and what its last cell gives to its right neighbour."""
+    here = solution[row, block]
+    east = flux_east(solution, faces_x, row, block)
+    outflow = (east - from_west(east, last)) + flux_across(solution, faces_y, row, block)
+    return right_side[row, block] - wp.cw_mul(mass[row, block], here) - outflow, east[LAST]
+
+
+@wp.kernel
+def begin_smoothing(
+    # inputs:
+    right_side: wp.array2d[Lanes],
+    inverse_diagonal: wp.array2d[Lanes],
+    span: wp.array2d[wp.int32],
+    segment_length: wp.int32,
+    omega: wp.Float,
+    # outputs:
+    solution_out: wp.array2d[Lanes],
+):
+    """The first sweep, from a solution of 0.
+
+    Args:
+        right_side: ``b``, shape [ny, block].
+        inverse_diagonal: ``D^-1``, 0 off the leaf, shape [ny, block].
+        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
+        segment_length: Blocks of a thread.
+        omega: Weight of the sweep.
+        solution_out: Shape [ny, block].
+    """
+    segment, row = wp.tid()
+    first = wp.max(span[row, 0], segment * segment_length)
+    for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
+        solution_out[row, block] = omega * wp.cw_mul(inverse_diagonal[row, block], right_side[row, block])
+
+
+@wp.kernel
+def smooth(
+    # inputs:
+    right_side: wp.array2d[Lanes],
+    solution: wp.array2d[Lanes],
+    mass: wp.array2d[Lanes],
+    faces_x: wp.array2d[Lanes],
+    faces_y: wp.array2d[Lanes],
+    inverse_diagonal: wp.array2d[Lanes],
+    span: wp.array2d[wp.int32],
+    segment_length: wp.int32,
+    omega: wp.Float,
+    # outputs:
+    solution_out: wp.array2d[Lanes],
+):
+    """A sweep.
+
+    Args:
+        right_side: ``b``, shape [ny, block].
+        solution: Before the sweep, shape [ny, block].
+        mass: The diagonal of ``E``, shape [ny, block].
+        faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
+        faces_y: The same to its upper neighbour.
+        inverse_diagonal: ``D^-1``, 0 off the leaf, shape [ny, block].
+        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
+        segment_length: Blocks of a thread.
+        omega: Weight of the sweep.
+        solution_out: After the sweep, shape [ny, block]; another array than ``solution``.
+    """
+    segment, row = wp.tid()
+    first = wp.max(span[row, 0], segment * segment_length)
+    end = wp.min(span[row, 1], (segment + 1) * segment_length)
+    if first >= end:
+        return
+    last = last_flux(solution, faces_x, row, first)
+    for block in range(first, end):
+        residual, last = residual_at(right_side, solution, mass, faces_x, faces_y, row, block, last)
+        change = omega * wp.cw_mul(inverse_diagonal[row, block], residual)
+        solution_out[row, block] = solution[row, block] + change
+
+
+@wp.kernel
+def restrict_residual(
+    # inputs:
+    right_side: wp.array2d[Lanes],
+    solution: wp.array2d[Lanes],
+    mass: wp.array2d[Lanes],
+    faces_x: wp.array2d[Lanes],
+    faces_y: wp.array2d[Lanes],
+    coarse_span: wp.array2d[wp.int32],
+    segment_length: wp.int32,
+    # outputs:
+    coarse_right_side_out: wp.array2d[Lanes],
+):
+    """The right side of the coarser level: the residuals of each 2 x 2 cells added up.
+
+    Args:
+        right_side: ``b``, shape [ny, block].
+        solution: Shape [ny, block].
+        mass: The diagonal of ``E``, shape [ny, block].
+        faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
+        faces_y: The same to its upper neighbour.
+        coarse_span: First block of each coarse row with a leaf cell and the one after its last, shape [coarse ny, 2].
+        segment_length: Coarse blocks of a thread.
+        coarse_right_side_out: Shape [coarse ny, coarse block].
+    """
+    segment, coarse_row = wp.tid()
+    first = wp.max(coarse_span[coarse_row, 0], segment * segment_length)
+    end = wp.min(coarse_span[coarse_row, 1], (segment + 1) * segment_length)
+    if first >= end:
+        return
+    row = 2 * coarse_row
+    lower_last = last_flux(solution, faces_x, row, 2 * first)
+    upper_last = last_flux(solution, faces_x, row + 1, 2 * first)
+    for coarse_block in range(first, end):
+        coarse = coarse_right_side_out.dtype()
+        for half in range(2):
+            block = 2 * coarse_block + half
+            if block < solution.shape[1]:
+                lower, lower_last = residual_at(right_side, solution, mass, faces_x, faces_y, row, block, lower_last)
+                upper, upper_last = residual_at(
+                    right_side, solution, mass, faces_x, faces_y, row + 1, block, upper_last
+                )
+                both = lower + upper
+                for lane in range(HALF):
+                    coarse[half * HALF + lane] = both[2 * lane] + both[2 * lane + 1]
+        coarse_right_side_out[coarse_row, coarse_block] = coarse
+
+
+@wp.kernel
+def correct(
+    # inputs:
+    coarse_solution: wp.array2d[Lanes],
+    span: wp.array2d[wp.int32],
+    segment_length: wp.int32,
+    overcorrection: wp.Float,
+    # outputs:
+    solution_out: wp.array2d[Lanes],
+):
+    """Add what the coarser level has found to each of its 2 x 2 cells.
+
+    Args:
+        coarse_solution: Shape [coarse ny, coarse block].
+        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
+        segment_length: Blocks of a thread.
+        overcorrection: Factor of the correction.
+        solution_out: Shape [ny, block]; added to.
+    """
+    segment, row = wp.tid()
+    first = wp.max(span[row, 0], segment * segment_length)
+    for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
+        coarse = coarse_solution[row / 2, block / 2]
+        offset = (block % 2) * HALF
+        found = solution_out.dtype()
+        for lane in range(HALF):
+            found[2 * lane] = coarse[offset + lane]
+            found[2 * lane + 1] = coarse[offset + lane]
+        solution_out[row, block] = solution_out[row, block] + overcorrection * found

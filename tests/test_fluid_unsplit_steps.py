@@ -1,0 +1,99 @@
+"""Successive unsplit steps, each started from the last, and the multigrid cycle that solves them."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import scipy.sparse as sparse
+from scipy.sparse.linalg import splu
+
+from fluid_sample import Sample, ellipse, exchange_matrices, make_sample
+from leafwarp.sim.fluid.multigrid import System
+
+NAME = "unsplit_diffusion"
+TOLERANCE = {"float32": 1e-5, "float64": 1e-10}
+
+
+def drying_leaf(device: str, precision: str, steps: int = 64) -> Sample:
+    """An elliptic leaf with a midrib that transpires unevenly, without a source."""
+    mask = ellipse(48)
+    midrib = np.broadcast_to(np.clip(2.0 - np.abs(np.arange(48) - 23.5), 0.0, 1.0), mask.shape)
+    tables = {
+        "fluid": {"step": 60.0, "scheme": "iterated", "lamina_diffusivity": 1e-8, "vein_diffusivity": 1e-5},
+        "transpiration": {"rate": 5e-6},
+        "time": {"duration": 60.0 * steps, "frames": 2},
+    }
+    maps = {"venation": midrib, "stomata": np.linspace(0.2, 1.0, 48)[:, None] + np.zeros(mask.shape)}
+    return make_sample(tables, mask, maps, device=device, precision=precision)
+
+
+def test_errors_do_not_add_up_over_steps(device: str, precision: str) -> None:
+    """What is left of a residual goes into the next step: after 64 steps the error is that of about one."""
+    sample = drying_leaf(device, precision)
+    mask, cell = sample.leaf.mask, 0.1 / 48
+    diffusivity = 1e-8 + (1e-5 - 1e-8) * sample.leaf.maps["venation"]
+    x, y = exchange_matrices(diffusivity, mask, 60.0, (cell, cell))
+    solve = splu((sparse.identity(mask.size) + x + y).tocsc()).solve
+    loss = 60.0 * sample.state["stomatal_rate"].numpy().astype(np.float64)
+    expected = sample.water
+    for step in range(1, 65):
+        expected = solve((expected - loss).ravel()).reshape(mask.shape)
+        sample.fluid.advance(60.0 * step)
+        error = np.linalg.norm(sample.water - expected) / np.linalg.norm(expected)
+        # Rounding of the stored contents when water transpires comes on top, once a step.
+        assert error <= TOLERANCE[precision] + step * np.finfo(precision).eps
+    assert abs(sample.fluid.ledger().error) <= {"float32": 1e-6, "float64": 1e-14}[precision]
+
+
+def test_what_the_last_step_found_saves_iterations(device: str, precision: str) -> None:
+    iterations = []
+    for forgets in (False, True):
+        sample = drying_leaf(device, precision)
+        stage = sample.stages[NAME]
+        for step in range(1, 33):
+            if forgets:
+                stage._is_begun = False
+            sample.fluid.advance(60.0 * step)
+        iterations.append(stage.iterations)
+    assert 0 < iterations[0] < iterations[1]
+
+
+def test_two_runs_agree_to_the_last_bit(device: str, precision: str) -> None:
+    after = []
+    for _ in range(2):
+        sample = drying_leaf(device, precision)
+        sample.fluid.advance(60.0 * 9)
+        after.append(sample.water.tobytes())
+    assert after[0] == after[1]
+
+
+@pytest.mark.parametrize("shape", [(1, 1), (1, 6), (7, 1), (5, 8), (8, 8), (9, 7)])
+def test_a_coarser_level_is_the_system_on_blocks_of_cells(shape: tuple[int, int]) -> None:
+    rng = np.random.default_rng(4)
+    fine = System(rng.random(shape), rng.random(shape), rng.random(shape))
+    fine.faces_x[:, -1] = fine.faces_y[-1] = 0.0
+    coarse = fine.coarser()
+    rows, columns = np.indices(shape)
+    block = rows // 2 * coarse.mass.shape[1] + columns // 2
+    prolongation = sparse.csr_matrix((np.ones(block.size), (np.arange(block.size), block.ravel())))
+    expected = (prolongation.T @ matrix_of(fine) @ prolongation).toarray()
+    assert matrix_of(coarse).toarray() == pytest.approx(expected, abs=1e-12)
+    diagonal = matrix_of(coarse).diagonal().reshape(coarse.mass.shape)
+    assert coarse.inverse_diagonal == pytest.approx(1.0 / diagonal)
+
+
+def matrix_of(system: System) -> sparse.csr_matrix:
+    """``E + L``, face by face."""
+    index = np.arange(system.mass.size).reshape(system.mass.shape)
+    matrix = sparse.lil_matrix((index.size, index.size))
+    matrix.setdiag(system.mass.ravel())
+    for faces, here, beyond in (
+        (system.faces_x[:, :-1], index[:, :-1], index[:, 1:]),
+        (system.faces_y[:-1], index[:-1], index[1:]),
+    ):
+        for beta, a, b in zip(faces.ravel(), here.ravel(), beyond.ravel(), strict=True):
+            matrix[a, a] += beta
+            matrix[b, b] += beta
+            matrix[a, b] -= beta
+            matrix[b, a] -= beta
+    return matrix.tocsr()
