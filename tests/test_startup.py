@@ -93,12 +93,12 @@ def test_the_kernels_found_ahead_are_those_of_the_run(name: str, device: str, sc
         ({"motion.method": "implicit"}, {"hinge_hessian", "implicit_step"}, {"integration"}),
         ({"motion.method": "quasistatic"}, {"hinge_hessian"}, {"integration"}),
         ({"structure.bending": "paper"}, {"paper_bending"}, set()),
-        ({"fluid.scheme": "unsplit"}, set(), {"tridiagonal"}),
-        ({"fluid.scheme": "unsplit", "fluid.solver": "conjugate_gradients"}, {"unsplit"}, set()),
+        ({"fluid.scheme": "unsplit"}, {"unsplit", "multigrid"}, {"tridiagonal"}),
+        ({"fluid.scheme": "unsplit", "fluid.solver": "factor"}, set(), {"tridiagonal"}),
         ({"motion.pin_radius": 0.05, "motion.clamp": True}, set(), set()),
         ({"motion.clamp": False, "motion.wind": [1.0, 0.0, 0.0], "solver.precision": "float64"}, set(), set()),
     ],
-    ids=["implicit", "quasistatic", "paper", "unsplit", "conjugate-gradients", "held", "windy"],
+    ids=["implicit", "quasistatic", "paper", "unsplit", "factor", "held", "windy"],
 )
 def test_kernels_are_found_ahead_for_any_scene(small_scene: Path, changes, more, less, device: str) -> None:
     """The leaf that they are found with suits every stage."""

@@ -48,6 +48,9 @@ def derived_tables(scene: Scene) -> dict[str, Table | None]:
             raise ValueError(f"{name}.{key}: missing; give it, or a [material] that it follows from")
     if tables.get("motion", scene.motion).method != "explicit":
         tables["solver"] = _in_double_precision(scene)
+    if scene.fluid is not None:
+        alone = scene.leaves is None and tables.get("solver", scene.solver).precision == "float32"
+        tables["fluid"] = scene.fluid.filled(solver="conjugate_gradients" if alone else "factor")
     if scene.leaves is not None:
         tables["maps"] = scene.maps.filled(size=suitable_cells(scene.mesh.vertices))
     if scene.stomata is not None or scene.air is not None:

@@ -36,10 +36,11 @@ class FluidTable(Table):
         description="split: rows, then columns, line by line (the paper). unsplit: both at once, without the "
         "splitting error.",
     )
-    solver: Literal["factor", "conjugate_gradients"] = Field(
-        "factor",
-        description="How the unsplit scheme solves a step. factor: a sparse factor, made once, on the host (much the "
-        "faster on a CPU). conjugate_gradients: preconditioned with line solves, all on the device.",
+    solver: Literal["factor", "conjugate_gradients"] | None = Field(
+        None,
+        description="How the unsplit scheme solves a step. conjugate_gradients: preconditioned with multigrid, all on "
+        "the device. factor: a sparse factor, made once, on the host. Default: conjugate_gradients in float32, factor "
+        "in float64, whose tolerance takes more iterations, and for many leaves.",
     )
     lamina_diffusivity: Annotated[Diffusivity, Bounds(0.0, unit="m2/s")] = Field(
         1e-9, description="Diffusivity of water between the veins [m^2/s] (artistic)."

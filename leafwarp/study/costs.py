@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from leafwarp.sim.fluid import Fluid
 
 # From a map to one of twice the cells across: four times the cells; a factor has more entries a cell;
-# conjugate gradients take twice the iterations.
-GROWTH = {"split": 4.0, "factor": 6.5, "conjugate_gradients": 8.0}
+# conjugate gradients take some more iterations.
+GROWTH = {"split": 4.0, "factor": 6.5, "conjugate_gradients": 5.5}
 # Iterations of conjugate gradients grow with the root of the step.
 STEP_EXPONENT = {"split": 0.0, "factor": 0.0, "conjugate_gradients": 0.5}
 PILOT_STEPS = 5

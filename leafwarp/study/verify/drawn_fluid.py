@@ -46,9 +46,9 @@ class Sample:
 
     def step(self, name: str, index: int = 0) -> np.ndarray:
         """Run one stage, after the source where there is one; the water after it."""
-        for each in dict.fromkeys(("source", name)):
-            if each in self.stages:
-                self.stages[each].run(self.fluid.steps.interval(index))
+        before = ("source",) if "source" in self.stages and name != "source" else ()
+        for each in (*before, name):
+            self.stages[each].run(self.fluid.steps.interval(index))
         return self.water
 
     def diffuse(self) -> np.ndarray:
@@ -57,7 +57,7 @@ class Sample:
 
 
 def make_scene(tables: Mapping[str, Any], precision: str = "float32") -> Scene:
-    """A scene of a leaf that is not read, with further tables; the scheme "iterated" is accepted too."""
+    """A scene of a leaf that is not read, with further tables; schemes are those of :data:`STAGES`."""
     base = {
         "leaf": {"image": "leaf.png", "length": 0.1},
         "time": {"duration": 600.0, "frames": 11},
@@ -65,8 +65,9 @@ def make_scene(tables: Mapping[str, Any], precision: str = "float32") -> Scene:
         "solver": {"precision": precision},
     }
     tables = dict(tables)
-    if tables.get("fluid", {}).get("scheme") == "iterated":
-        tables["fluid"] = tables["fluid"] | {"scheme": "unsplit", "solver": "conjugate_gradients"}
+    solver = {"unsplit": "factor", "iterated": "conjugate_gradients"}.get(tables.get("fluid", {}).get("scheme"))
+    if solver is not None:
+        tables["fluid"] = tables["fluid"] | {"scheme": "unsplit", "solver": solver}
     return Scene.model_validate(base | tables)
 
 
