@@ -48,7 +48,7 @@ def make_parser() -> argparse.ArgumentParser:
         one = names.add_parser(name, help=summary, description=summary)
         one.set_defaults(device="cpu")
         if hasattr(module, "ROUNDS"):
-            one.add_argument("--rounds", type=int, help=f"measurements of each (default: {module.ROUNDS[0]})")
+            one.add_argument("--rounds", type=_count, help=f"measurements of each (default: {module.ROUNDS[0]})")
         for option, settings in module.OPTIONS.items():
             one.add_argument(option, **settings)
         if hasattr(module, "QUICK"):
@@ -60,14 +60,26 @@ def make_parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _count(text: str) -> int:
+    if not text.isdecimal() or int(text) < 1:
+        raise argparse.ArgumentTypeError(f"{text!r}: accepted: a whole number from 1")
+    return int(text)
+
+
 def _add_write(parser: argparse.ArgumentParser) -> None:
     parser.add_argument("--write", action="store_true", help="keep the tables in benchmarks/RESULTS.md")
 
 
 def spelled(arguments: Sequence[str], options: argparse.Namespace) -> str:
     """The command as it was typed, but for the paths of interpreters."""
-    paths = {str(value) for value in vars(options).values() if isinstance(value, Path)}
-    return " ".join(["python -m benchmarks", *("PYTHON" if word in paths else word for word in arguments)])
+    flags = {f"--{name}" for name, value in vars(options).items() if isinstance(value, Path)}
+    words = list(arguments)
+    for place, word in enumerate(words):
+        if word in flags:
+            words[place + 1] = "PYTHON"
+        elif word.partition("=")[0] in flags:
+            words[place] = word.partition("=")[0] + "=PYTHON"
+    return " ".join(["python -m benchmarks", *words])
 
 
 def run(name: str, options: argparse.Namespace, command: str) -> None:
@@ -96,9 +108,9 @@ def main(arguments: Sequence[str]) -> int:
         return 0
     try:
         options.device = check_device(options.device)
+        run(options.name, options, spelled(arguments, options))
     except InputError as error:
         parser.error(str(error))
-    run(options.name, options, spelled(arguments, options))
     return 0
 
 

@@ -42,9 +42,12 @@ def step_parts(scene: Scene, device: str) -> dict[str, Callable[[], int]]:
     coupling = [stage for stage in simulation.plan.groups["coupling"] if stage.rate == "frame"]
 
     def fluid() -> int:
-        simulation.fluid.advance((simulation.fluid.steps_done + FLUID_STEPS) * simulation.fluid.steps.length)
+        fluid = simulation.fluid
+        if fluid.steps_done + FLUID_STEPS > fluid.steps.count:
+            fluid.steps_done = 0  # the scene's time is over
+        count = fluid.advance((fluid.steps_done + FLUID_STEPS) * fluid.steps.length)
         wp.synchronize_device(device)
-        return FLUID_STEPS
+        return count
 
     def couple() -> int:
         for stage in coupling:

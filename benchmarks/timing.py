@@ -28,10 +28,6 @@ class Timing:
     def __add__(self, other: Timing) -> Timing:
         return Timing(tuple(a + b for a, b in zip(self.values, other.values, strict=True)))
 
-    def each(self, count: float) -> Timing:
-        """The share of one of so many."""
-        return Timing(tuple(value / count for value in self.values))
-
     def over(self, other: Timing) -> Timing:
         """The ratio to another contender, round by round."""
         return Timing(tuple(a / b for a, b in zip(self.values, other.values, strict=True)))

@@ -31,12 +31,14 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
     parts = simulation.couplings_per_frame
     substeps = parts * simulation.motion.required_substeps(1.0 / (scene.time.fps * parts))
     intervals = max(scene.time.frames - 1, 1)
-    tellings = parts + len(simulation.path_times) / intervals
+    moments = [moment for frame in range(2, scene.time.frames + 1) for moment in simulation.moments(frame)]
+    couplings = sum(len(moment.looks) for moment in moments) / intervals
+    motions = sum(moment.on_path + moment.moves for moment in moments) / intervals
     fluid_steps = simulation.fluid.steps.count if simulation.fluid is not None and scene.time.frames > 1 else 0
     runs = {
         "start": 0.0,
         "fluid step": fluid_steps / intervals,
-        "frame": max(tellings, fluid_steps / intervals) if scene.keeps_a_set else tellings,
+        "frame": couplings,
         "substep": float(substeps),
         "output": 1.0,
     }
@@ -57,7 +59,7 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
         "warnings": list(scene.warnings),
         "bytes": plan.byte_count,
         "host_bytes": sum(stage.host_bytes for stage in plan.stages),
-        "stages": plan.describe(runs),
+        "stages": plan.describe(runs, motions),
         "left_out": [{"name": name, "reason": reason} for name, reason in plan.left_out.items()],
     }
 
@@ -76,7 +78,7 @@ def _largest_beta(simulation: Simulation) -> float | None:
 def print_plan(report: dict[str, Any]) -> None:
     """Print a plan for people."""
     mesh = report["mesh"]
-    many = f"{mesh['leaves']} leaves in the launches of one, " if mesh["leaves"] > 1 else ""
+    many = f"{mesh['leaves']} leaves batched in the same launches, " if mesh["leaves"] > 1 else ""
     print(
         f"{report['scene']}: {many}{mesh['vertices']} vertices, {mesh['triangles']} triangles, "
         f"{mesh['edge_springs']} edge springs, {mesh['angular_springs']} angular springs"
@@ -95,9 +97,9 @@ def print_plan(report: dict[str, Any]) -> None:
             f"{beta:.3g}; a shorter fluid.step or fluid.scheme = 'unsplit' helps, and tradeoff measures how much"
         )
     if report["path_equilibria"]:
-        print(f"equilibria at {report['path_equilibria']} moments, whatever the frames are, and at each frame")
+        print(f"the leaf is in equilibrium at {report['path_equilibria']} moments, and off that path at every frame")
     if report["motion"] == "explicit" and not report["only_explicit"] and report["substeps_per_frame"] > MANY_SUBSTEPS:
-        print("explicit motion wants a soft membrane: motion.method = 'implicit' takes a real leaf's in a step a frame")
+        print("explicit motion wants a soft membrane: motion.method = 'quasistatic' or 'implicit' takes a real leaf's")
     print(f"\n{'stage':<18} {'runs once a':<11} {'launches/frame':>14} {'kB':>8}  what it does")
     for stage in report["stages"]:
         print(

@@ -142,6 +142,8 @@ def test_an_interpreters_path_is_not_kept(monkeypatch: pytest.MonkeyPatch, capsy
     monkeypatch.setattr(BENCHMARKS["peers"], "make_body", lambda options: str(options.blender))
     assert main(["peers", "--blender", "/opt/bpy/python"]) == 0
     assert "Command: `python -m benchmarks peers --blender PYTHON`. " in capsys.readouterr().out
+    assert main(["peers", "--blender=/opt//bpy/python"]) == 0
+    assert "Command: `python -m benchmarks peers --blender=PYTHON`. " in capsys.readouterr().out
 
 
 def test_results_are_kept_in_their_section(tmp_path: Path) -> None:

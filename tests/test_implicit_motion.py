@@ -355,7 +355,7 @@ def test_a_rest_state_that_is_too_far_is_approached_in_parts(device, monkeypatch
     np.testing.assert_array_equal(rig.get("hinge_rest_angle"), target)
 
 
-REMEDY = {"implicit": "raise time.fps, or lower the load", "quasistatic": "raise time.frames, so that less changes"}
+REMEDY = {"implicit": "raise time.fps, or lower the load", "quasistatic": "lower the load or the curl, or let inertia"}
 
 
 @pytest.mark.parametrize("method", ["implicit", "quasistatic"])

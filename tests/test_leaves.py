@@ -167,8 +167,9 @@ def test_the_grid_is_square_and_keeps_its_places() -> None:
         {"turn": 60.0, "size": 0.9},
         {"turn": 180.0, "size": 0.5, "tilt": 30.0, "roll": 180.0},
         {"tilt": 180.0},
+        {"tilt": 180.0, "size": 0.9},
     ],
-    ids=["alike", "any-direction", "sizes", "rolled", "tipped-over"],
+    ids=["alike", "any-direction", "sizes", "rolled", "tipped-over", "tipped-over-sizes"],
 )
 def test_leaves_of_a_grid_do_not_touch(amounts: dict, two_photos, scene_leaf) -> None:
     """Seen from above, with a free strip between any two."""

@@ -94,7 +94,7 @@ def test_explicit_motion_of_a_stiff_leaf_is_warned_of(small_scene: Path, capsys)
     (line,) = stiff
     step, substeps = map(float, re.search(r"steps below (\S+) s, more than (\S+) a frame", line).groups())
     assert substeps == pytest.approx(1.0 / 24.0 / step, rel=0.05)
-    assert "motion.method = 'implicit' takes one" in line
+    assert "motion.method = 'quasistatic' or 'implicit' takes one" in line
     assert load_scene(small_scene, ["structure.membrane_stiffness=5e3", "motion.method=implicit"]).warnings == ()
 
     arguments = ["plan", str(small_scene), "--set", "structure.membrane_stiffness=5e3"]
@@ -106,7 +106,7 @@ def test_explicit_motion_of_a_stiff_leaf_is_warned_of(small_scene: Path, capsys)
     said = capsys.readouterr()
     assert line in said.err
     assert f"{plan['substeps_per_frame']} motion substeps of {plan['substep_seconds']:.3g} s" in said.out
-    assert "motion.method = 'implicit' takes a real leaf's" in said.out
+    assert "motion.method = 'quasistatic' or 'implicit' takes a real leaf's" in said.out
 
 
 def test_a_scene_without_such_tables_has_nothing_to_warn_about() -> None:
@@ -135,3 +135,12 @@ def test_warnings_go_to_stderr(verb, small_scene: Path, tmp_path: Path, capsys) 
     said = capsys.readouterr()
     assert "leafwarp: warning: material.thickness = 0.05 m: usual: 5e-5 to 0.003 m (" in said.err
     assert "warning" not in said.out
+
+
+def test_what_would_swing_a_leaf_has_no_effect_on_one_at_rest(leaf_file: Path) -> None:
+    keys = ["structure.damping=0.9", "motion.drag=50.0"]
+    lines = load_scene(leaf_file, keys).warnings
+    assert [line.partition(":")[0] for line in lines] == ["structure.damping = 0.9", "motion.drag = 50"]
+    assert all("motion.method = 'implicit' has inertia" in line for line in lines)
+    assert load_scene(leaf_file, [*keys, "motion.method='implicit'"]).warnings == ()
+    assert load_scene(leaf_file, ["motion.drag=50.0", "motion.wind=[1.0, 0.0, 0.0]"]).warnings == ()

@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 
+from leafwarp.plan_report import plan_report
 from leafwarp.scene.file import load_scene
 from leafwarp.sim.launch import ArraySpec, State
 from leafwarp.sim.plan import CANDIDATES
@@ -31,6 +32,7 @@ def counted(self, *arguments, **options):
     if getattr(self, "deleter", None) is not None and options.get("ptr") is None:
         allocated.append(self.capacity)
 from leafwarp.prepare import prepare_scene_leaf
+from leafwarp.plan_report import plan_report
 from leafwarp.scene.file import load_scene
 scene = load_scene(Path(sys.argv[1])).with_changes({"output.contact_sheet": False})
 leaf = prepare_scene_leaf(scene, Path(sys.argv[2]))
@@ -59,13 +61,14 @@ print(json.dumps({
 
 
 @pytest.fixture(scope="module")
-def census(leaf_cache: Path) -> dict[str, dict]:
-    def count(name: str) -> dict:
-        command = [sys.executable, "-c", CENSUS, str(ROOT / "scenes" / f"{name}.toml"), str(leaf_cache)]
+def census(leaf_cache: Path, tmp_path_factory: pytest.TempPathFactory) -> dict[str, dict]:
+    def count(name: str, cache: Path) -> dict:
+        command = [sys.executable, "-c", CENSUS, str(ROOT / "scenes" / f"{name}.toml"), str(cache)]
         done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=True)
         return json.loads(done.stdout.splitlines()[-1])
 
-    return {name: count(name) for name in ("still", "bramble")}
+    # The smallest scene prepares its leaf itself, so that what this imports is seen.
+    return {"still": count("still", tmp_path_factory.mktemp("leaf")), "bramble": count("bramble", leaf_cache)}
 
 
 def test_the_smallest_scene_compiles_only_its_kernels(census) -> None:
@@ -166,3 +169,34 @@ def test_an_array_declared_twice_is_an_error() -> None:
     spec = ArraySpec("water", (2,), "real", "")
     with pytest.raises(ValueError, match="'water' is declared twice"):
         State([spec, spec], "cpu", "float32")
+
+
+@pytest.mark.parametrize("frames", [2, 13, 25, 38])
+@pytest.mark.parametrize("plastic_set", [0.0, 0.5])
+def test_couplings_and_equilibria_are_as_many_as_planned(frames, plastic_set, small_scene, scene_leaf) -> None:
+    changes = {"motion.method": "quasistatic", "time.frames": frames, "shrink.plastic_set": plastic_set}
+    scene = load_scene(small_scene).with_changes(changes)
+    simulation = Simulation(scene, scene_leaf(scene))
+    counted = dict.fromkeys(("_couple", "follow", "advance"), 0)
+
+    def counting(owner, name):
+        function = getattr(owner, name)
+
+        def count(*arguments):
+            counted[name] += 1
+            return function(*arguments)
+
+        setattr(owner, name, count)
+
+    counting(simulation, "_couple")
+    counting(simulation.motion, "follow")
+    counting(simulation.motion, "advance")
+    for _ in simulation.frames():
+        pass
+    planned = {stage["name"]: stage["launches_per_frame"] for stage in plan_report(scene, "cpu")["stages"]}
+    each = {stage.name: stage.launches for stage in simulation.plan.stages}
+    runs = {
+        name: round(planned[name] / each[name] * (frames - 1), 6) for name in ("rest_lengths", "quasistatic_motion")
+    }
+    assert runs == {"rest_lengths": counted["_couple"], "quasistatic_motion": counted["follow"] + counted["advance"]}
+    assert counted["follow"] == 24 and counted["advance"] == frames - 1

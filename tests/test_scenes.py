@@ -9,10 +9,12 @@ import pytest
 import trimesh
 
 from conftest import SCENES
+from leafwarp.errors import SimulationError
 from leafwarp.leaf.mesh.quality import mesh_quality
 from leafwarp.leaf.mesh.topology import check_topology
 from leafwarp.scene import Scene
 from leafwarp.scene.file import load_scene
+from leafwarp.sim.implicit import NotConverged
 from leafwarp.sim.simulation import Simulation
 
 # Tables I of the paper: vertices, triangles, edge springs, angular springs.
@@ -212,10 +214,20 @@ def test_without_inertia_the_way_past_a_buckle_depends_on_neither_frames_nor_fps
     material, vertices = BUCKLING[name]
     scene = real_leaf(small_scene, "quasistatic", material, mesh={"vertices": vertices})
     leaf = scene_leaf(scene)
-    films = [settled_shape(scene, leaf, device, *film) for film in ((25, 24), (2, 24), (12, 60), (38, 24))]
-    assert np.ptp(films[0], axis=0).min() > 0.1 * leaf.length  # it curled
-    for shape in films[1:]:
-        assert np.linalg.norm(shape - films[0], axis=1).max() < 1e-4 * leaf.length
+    films = [
+        [frame.points for frame in Simulation(scene.with_changes(changes), leaf, device).frames()]
+        for changes in (
+            {"time.frames": 25},
+            {"time.frames": 49, "time.fps": 60.0},
+            {"time.frames": 2},
+            {"time.frames": 38},
+        )
+    ]
+    assert np.ptp(films[0][-1], axis=0).min() > 0.1 * leaf.length  # it curled
+    for other in films[1:]:
+        assert np.linalg.norm(other[-1] - films[0][-1], axis=1).max() < 1e-4 * leaf.length
+    for shape, other in zip(films[0], films[1][::2], strict=True):
+        assert np.linalg.norm(other - shape, axis=1).max() < 1e-4 * leaf.length
 
 
 @pytest.mark.parametrize("name", BUCKLING)
@@ -231,6 +243,35 @@ def test_in_two_seconds_of_film_inertia_does_not_change_the_way_past_a_buckle(
     for frames, fps in ((49, 24), (121, 60)):
         shape = settled_shape(moving, leaf, device, frames, fps)
         assert np.linalg.norm(shape - expected, axis=1).max() < 0.005 * leaf.length
+
+
+def test_a_refused_equilibrium_leaves_leaf_and_path_where_they_were(
+    small_scene: Path, scene_leaf, device: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = real_leaf(small_scene, "quasistatic", {"preset": "tree"}).with_changes({"time.frames": 13})
+    leaf = scene_leaf(scene)
+
+    def shapes(refused: int | None) -> list[np.ndarray]:
+        """The frames, of which one is tried again after an equilibrium of it was refused."""
+        simulation = Simulation(scene, leaf, device)
+        motion = simulation.motion
+        simulation.settle()
+        found = []
+        for frame in range(2, 6):
+            before = {name: simulation.state[name].numpy().copy() for name in ("position", "velocity", "hinge_angle")}
+            if frame == refused:
+                with monkeypatch.context() as patch:
+                    patch.setattr(motion, "_rest", lambda: (_ for _ in ()).throw(NotConverged("no equilibrium")))
+                    with pytest.raises(SimulationError, match="frame 4: quasistatic_motion: no equilibrium; lower the"):
+                        simulation.advance(frame)
+                for name, values in before.items():
+                    assert np.array_equal(simulation.state[name].numpy(), values), name
+            simulation.advance(frame)
+            found.append(simulation.state["position"].numpy().copy())
+        return found
+
+    for shape, other in zip(shapes(None), shapes(4), strict=True):
+        assert np.array_equal(shape, other)
 
 
 def test_the_first_frame_of_quasistatic_motion_is_an_equilibrium_too(

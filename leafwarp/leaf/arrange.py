@@ -57,7 +57,8 @@ def least_spacing(table: LeavesTable, photos: Sequence[Leaf]) -> float:
         photos: The prepared leaf of each photo.
     """
     largest = 1.0 + table.size
-    shares = ((1.0 - table.size) * math.cos(math.radians(table.tilt)), largest)
+    reach = math.cos(math.radians(table.tilt))
+    shares = (reach * (largest if reach < 0.0 else 1.0 - table.size), largest)
     circles = [(axis_angle(photo), *_circle(photo)) for photo in photos]
     spacing = 0.0
     for one, other in itertools.combinations_with_replacement(circles, 2):

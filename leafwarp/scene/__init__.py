@@ -265,6 +265,8 @@ class Scene(Table):
     def with_changes(self, changes: Mapping[str, Any]) -> Scene:
         """A copy with other values, keys dotted: ``scene.with_changes({"maps.size": 128, "fluid.step": 30.0})``.
 
+        Of several photos, ``leaf`` is the first.
+
         Raises:
             InputError: With key, value and what is accepted.
         """

@@ -121,10 +121,10 @@ class MotionTable(Table):
 
     method: Literal["explicit", "implicit", "quasistatic"] = Field(
         "explicit",
-        description="explicit: small steps, for a soft membrane. quasistatic: the equilibrium of every frame, for a "
-        "real leaf's stiffness; a leaf that dries for hours has no inertia to speak of. implicit: the same with "
-        "inertia in the film's time, by backward Euler in steps of a frame: it swings. Default: explicit, or "
-        "quasistatic with [material].",
+        description="explicit: small steps, for a soft membrane. quasistatic: equilibria, at every frame and on the "
+        "way, for a real leaf's stiffness; a leaf that dries for hours has no inertia to speak of. implicit: the same "
+        "with inertia in the film's time, by backward Euler in steps of a frame. Default: explicit, or quasistatic "
+        "with [material].",
     )
 
     gravity: Vector | None = Field(None, description="Acceleration of gravity [m/s^2], z up; left out: none.")
@@ -138,4 +138,7 @@ class MotionTable(Table):
         None, description="Vertices this near the petiole base are held [m]; left out: 3 % of the leaf's length."
     )
     clamp: Switch = Field(False, description="Also hold the first row of triangles past the pins (the direction, too).")
-    settle: Switch = Field(False, description="Let the leaf come to rest under gravity before the first frame.")
+    settle: Switch = Field(
+        False,
+        description="Let the leaf come to rest under gravity before the first frame; quasistatic motion always does.",
+    )

@@ -146,12 +146,32 @@ def slow_motion(scene: Scene) -> Iterator[str]:
     mass = (structure.dry_mass + structure.water_mass) * scene.leaf.length**2 / scene.mesh.vertices
     step = 2.0 / math.sqrt(12.0 * 0.5 * math.sqrt(3.0) * stiffness / mass)
     substeps = 1.0 / (scene.time.fps * step)
-    other = "" if scene.leaves or structure.bending == "paper" else "; motion.method = 'implicit' takes one"
+    other = (
+        ""
+        if scene.leaves or structure.bending == "paper"
+        else "; motion.method = 'quasistatic' or 'implicit' takes one"
+    )
     if substeps > MANY_SUBSTEPS:
         yield (
             f"motion.method = 'explicit': a membrane of {plain_number(stiffness)} N/m takes steps "
             f"below {step:.2g} s, more than {substeps:.0f} a frame{other}"
         )
+
+
+def motion_without_effect(scene: Scene) -> Iterator[str]:
+    """A line for every key by which a leaf would swing, where it does not."""
+    if scene.motion.method != "quasistatic":
+        return
+    keys = [("structure.damping", scene.structure)]
+    keys += [("motion.drag", scene.motion)] * (scene.motion.wind is None)
+    for key, table in keys:
+        name = key.partition(".")[2]
+        value = getattr(table, name)
+        if name in table.model_fields_set and value > 0.0:
+            yield (
+                f"{key} = {plain_number(value)}: has no effect with motion.method = 'quasistatic', in which the leaf "
+                "is always at rest; motion.method = 'implicit' has inertia"
+            )
 
 
 def fine_maps(scene: Scene) -> Iterator[str]:
@@ -169,5 +189,13 @@ def fine_maps(scene: Scene) -> Iterator[str]:
 
 def warnings_of(scene: Scene) -> tuple[str, ...]:
     """What of a scene is accepted but unusual, one line each."""
-    kinds = (unusual_values, opening_stomata, events_without_effect, assumed_values, slow_motion, fine_maps)
+    kinds = (
+        unusual_values,
+        opening_stomata,
+        events_without_effect,
+        assumed_values,
+        slow_motion,
+        motion_without_effect,
+        fine_maps,
+    )
     return tuple(line for kind in kinds for line in kind(scene))

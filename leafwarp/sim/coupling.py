@@ -1,7 +1,7 @@
 """The coupling step (paper, Sec. III-C): the only place that reads the water and writes the structure.
 
-Once a frame the water is sampled at the middle of every spring, and rest lengths, rest angles, stiffness and mass
-follow it through the scene's response curves. Nothing travels to host memory here.
+Once a frame, or more often, the water is sampled at the middle of every spring, and rest lengths, rest angles,
+stiffness and mass follow it through the scene's response curves. Nothing travels to host memory here.
 
 ======================  ==========================================================================
 points                  where they lie on the map

@@ -78,7 +78,7 @@ class Motion:
         self._damping = scene.structure.damping
         # Neither many leaves nor the paper's bending move in any other way.
         only_explicit = scene.leaves is not None or scene.structure.bending == "paper"
-        self._other_method = "" if only_explicit else ", or take motion.method = 'implicit'"
+        self._other_method = "" if only_explicit else ", or take motion.method = 'quasistatic' or 'implicit'"
         self._maximum = scene.solver.maximum_substeps
         self._stages = [stage for stage in stages if stage.rate == "substep"]
         self._guard = next(stage for stage in stages if isinstance(stage, StableStep))

@@ -158,17 +158,19 @@ class Plan:
         """Memory of all arrays [byte]."""
         return sum(spec.byte_count(self.scene.solver.precision) for spec in self.arrays)
 
-    def describe(self, runs_per_frame: dict[str, float]) -> list[dict[str, Any]]:
+    def describe(self, runs_per_frame: dict[str, float], motions_per_frame: float = 1.0) -> list[dict[str, Any]]:
         """The stages as plain data, for people and programs; they must be bound.
 
         What a stage reads and writes are the arguments of its launches, but for tables that it alone knows.
 
         Args:
             runs_per_frame: How often a stage of each rate runs in a frame, on average.
+            motions_per_frame: The same of a motion that takes a frame at a time.
         """
         precision = self.scene.solver.precision
         reads = {stage.name: _names(stage.host_reads, *(c.reads for c in stage.recorded)) for stage in self.stages}
         writes = {stage.name: _names(stage.host_writes, *(c.writes for c in stage.recorded)) for stage in self.stages}
+        moving = {stage.name for stage in self.groups["motion"] if stage.rate == "frame"}
         owner = {spec.name: stage.name for stage in self.stages for spec in stage.arrays}
 
         def others(name: str, traffic: dict[str, tuple[str, ...]], stage: Stage) -> bool:
@@ -185,7 +187,8 @@ class Plan:
                 "arrays": [spec.name for spec in stage.arrays],
                 "bytes": sum(spec.byte_count(precision) for spec in stage.arrays),
                 "host_bytes": stage.host_bytes,
-                "launches_per_frame": stage.launches * runs_per_frame[stage.rate],
+                "launches_per_frame": stage.launches
+                * (motions_per_frame if stage.name in moving else runs_per_frame[stage.rate]),
             }
             for stage in self.stages
         ]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
 
@@ -25,6 +26,21 @@ if TYPE_CHECKING:
 
 # Of a moment of plant time, over the duration.
 ROUNDING = 1e-9
+
+
+@dataclass(frozen=True)
+class Moment:
+    """A moment at which the structure is told of the water.
+
+    Attributes:
+        looks: Spans of plant time [s] since the moment before, at the ends of which the water is looked at.
+        on_path: Whether a leaf without inertia goes on along its path of equilibria.
+        moves: Whether the leaf moves on in the film.
+    """
+
+    looks: tuple[Interval, ...]
+    on_path: bool
+    moves: bool
 
 
 class Simulation:
@@ -109,28 +125,35 @@ class Simulation:
             SimulationError: The frame, or a part of it, cannot be computed. The leaf is back in the shape before that;
                 its water is that of the part that failed.
         """
-        begin, end = self.plant_time(frame - 1), self.plant_time(frame)
-        parts = self.couplings_per_frame
-        ends = [begin + (end - begin) * part / parts for part in range(1, parts)] + [end]
-        path = self._path_between(begin, end)
         substeps = 0
-        for interval in (Interval(*span) for span in pairwise(sorted({begin, *ends, *path}))):
-            looks = [interval.start, *self._turning_points(interval), interval.end]
-            for part in (Interval(*span) for span in pairwise(looks)):
+        duration = 1.0 / (self.scene.time.fps * self.couplings_per_frame)
+        for moment in self.moments(frame):
+            for part in moment.looks:
                 if self.fluid is not None:
                     self.fluid.advance(part.end, frame)
                 self._couple(part)
             with self.watch("motion"):
-                if interval.end in path:
+                if moment.on_path:
                     substeps += self.motion.follow(frame)
-                if interval.end in ends:
-                    substeps += self.motion.advance(1.0 / (self.scene.time.fps * parts), frame)
+                if moment.moves:
+                    substeps += self.motion.advance(duration, frame)
         self.substeps.append(substeps)
 
-    def _path_between(self, begin: float, end: float) -> set[float]:
-        """The moments of the path in a frame [s]; one that is the frame's end but for rounding is that."""
+    def moments(self, frame: int) -> list[Moment]:
+        """When the structure is told of the water between the frame before and this one."""
+        begin, end = self.plant_time(frame - 1), self.plant_time(frame)
+        parts = self.couplings_per_frame
+        ends = [begin + (end - begin) * part / parts for part in range(1, parts)] + [end]
+        # A moment that is the frame's end but for rounding is that.
         rounding = ROUNDING * self.scene.time.duration
-        return {min(time, end) for time in self.path_times if begin + rounding < time <= end + rounding}
+        path = [time for time in self.path_times if begin + rounding < time <= end + rounding]
+        path = [end if abs(time - end) <= rounding else time for time in path]
+        moments = []
+        for interval in (Interval(*span) for span in pairwise(sorted({begin, *ends, *path}))):
+            looks = [interval.start, *self._turning_points(interval), interval.end]
+            parts_of_it = tuple(Interval(*span) for span in pairwise(looks))
+            moments.append(Moment(parts_of_it, interval.end in path, interval.end in ends))
+        return moments
 
     def _turning_points(self, interval: Interval) -> list[float]:
         """Moments within a span of plant time [s] at which the water may be driest, where the leaf keeps a set of it.

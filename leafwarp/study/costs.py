@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from leafwarp.errors import SimulationError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
+from leafwarp.sim.pace import path_times
 from leafwarp.sim.simulation import Simulation
 from leafwarp.study.trial import Setting, Trial, with_setting
 
@@ -75,7 +76,9 @@ class CostModel:
         known = self._corrections
         family = setting.scheme, setting.precision
         correction = known.get((*family, setting.step)) or known.get((*family, None)) or 1.0
-        return start + correction * self._fluid_seconds(setting) + playback * self.motion(setting)
+        motion = self.motion(setting)
+        path = len(path_times(self._scene)) * motion / self._scene.time.fps
+        return start + correction * self._fluid_seconds(setting) + playback * motion + path
 
     def learn(self, trial: Trial) -> None:
         """Correct later predictions of the same scheme and precision by what a trial took."""
@@ -107,7 +110,7 @@ class CostModel:
         return Simulation(with_setting(self._scene, setting), self._leaf_of(setting.map_size), self._device)
 
     def _solver(self, setting: Setting) -> str:
-        return "split" if setting.scheme == "split" else self._scene.fluid.solver
+        return "split" if setting.scheme == "split" else with_setting(self._scene, setting).fluid.solver
 
     def _fluid_seconds(self, setting: Setting) -> float:
         count = math.ceil(self._scene.time.duration / setting.step)

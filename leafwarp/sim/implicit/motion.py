@@ -33,7 +33,7 @@ MOST_HALVINGS = 6
 class NewtonMotion(ABC):
     """What both motions share.
 
-    What is refused leaves no trace: neither a frame nor a step that is retried smaller.
+    What is refused leaves no trace: neither a part of a frame nor a step that is retried smaller.
 
     Args:
         scene: The scene.
@@ -257,21 +257,18 @@ class Quasistatic(NewtonMotion):
     """The equilibrium of every frame; where it is not found, the rest state is approached in parts.
 
     A leaf that buckles has several equilibria, and which one it is in depends on those before. Hence it follows a path
-    of its own through moments of plant time that do not depend on the frames (:meth:`follow`). A frame goes off the
+    of its own through moments of plant time that do not depend on the frames (:meth:`follow`). Every frame goes off the
     path from the last of these moments, and the path does not return from it.
     """
 
     factors_kept = 3
-    remedy = (
-        "raise time.frames, so that less changes in a frame, lower the load or the curl, or let inertia carry the "
-        "leaf: motion.method = 'implicit'"
-    )
+    remedy = "lower the load or the curl, or let inertia carry the leaf: motion.method = 'implicit'"
 
     def start(self) -> None:
-        """Begin anew from the rest state of the moment."""
+        """Begin anew from the rest state of the moment; the path begins where the leaf first is in equilibrium."""
         super().start()
         self._rest_state = self._copies(REST_STATE)
-        self._path = self._place()
+        self._path: _Place | None = None
         self._shown = self._positions()
 
     def settle(self) -> Settled:
@@ -294,22 +291,29 @@ class Quasistatic(NewtonMotion):
         Raises:
             SimulationError: There is no equilibrium that it can come to. The state is the one before.
         """
-        before = self._place()
-        self._go_back(self._path)
-        try:
-            steps = self._approach(frame)
-        except SimulationError:
-            self._go_back(before)
-            raise
+        steps = self._leave_path(frame)
         self._path = self._place()
         return steps
 
     def advance(self, frame_duration: float, frame: int) -> int:
         """As of every motion; the velocity is the mean one since the frame before."""
-        steps = self._approach(frame)
+        steps = self._leave_path(frame)
         positions = self._positions()
         self._state.upload("velocity", (positions - self._shown) / frame_duration)
         self._shown = positions
+        return steps
+
+    def _leave_path(self, frame: int) -> int:
+        """Go to the equilibrium of the moment from the path's last one; the velocity stays."""
+        before, velocity = self._place(), self._copies(("velocity",))
+        if self._path is not None:
+            self._go_back(self._path)
+        try:
+            steps = self._approach(frame)
+        except SimulationError:
+            self._go_back(before)
+            raise
+        self._upload(velocity)
         return steps
 
     def _approach(self, frame: int) -> int:

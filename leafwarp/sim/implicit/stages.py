@@ -148,7 +148,7 @@ class ImplicitMotion(PotentialMotion):
 
 
 class QuasistaticMotion(PotentialMotion):
-    """The equilibrium of every frame."""
+    """The equilibrium of every frame, and of moments of plant time that do not depend on the frames."""
 
     name = "quasistatic_motion"
     purpose = "equilibrium of the frame: Newton's method (launches: of none), with a factor of the Hessian on the host"
