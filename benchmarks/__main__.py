@@ -16,7 +16,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import fluid, memory, scaling, startup, structure, table2
+from benchmarks import fluid, memory, scaling, startup, structure, table2, unsplit
 from benchmarks.peers import motion as peers
 from benchmarks.results import describe_machine, write_section
 from leafwarp.errors import InputError
@@ -25,6 +25,7 @@ from leafwarp.sim.launch import check_device
 BENCHMARKS = {
     "table2": table2,
     "fluid": fluid,
+    "unsplit": unsplit,
     "structure": structure,
     "scaling": scaling,
     "memory": memory,

@@ -57,6 +57,17 @@ def test_fluid(capsys: pytest.CaptureFixture) -> None:
     assert float(by_name[OURS]["largest difference"]) < 1e-6
 
 
+def test_unsplit(capsys: pytest.CaptureFixture) -> None:
+    (rows,) = quick("unsplit", capsys)
+    assert [(row["scene"], row["source"]) for row in rows] == [
+        ("`bramble.toml`", "open"), ("`bramble.toml`", "cut"), ("`cut.toml`", "open"), ("`cut.toml`", "cut"),
+    ]  # fmt: skip
+    for row in rows:
+        assert number(row["split step [ms]"]) > 0.0 and float(row["iterations a step"]) < 20.0
+        # Both stop at a residual of 1e-5 of the contents.
+        assert float(row["relative difference of the two"]) < 1e-5
+
+
 def test_structure(capsys: pytest.CaptureFixture) -> None:
     (rows,) = quick("structure", capsys)
     assert len(rows) == 5 and rows[0]["of leafwarp's"] == "1 (1-1)"
