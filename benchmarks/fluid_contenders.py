@@ -98,7 +98,7 @@ class ScalarThreads(Lanes):
         water = state["water"] if direction == "x" else state["water"].transpose((1, 0))
         weights = [state[f"{sweep}_weight_{direction}"] for sweep in ("forward", "backward")]
         span = "row_span" if direction == "x" else "column_span"
-        return [state.record(solve_lines, water.shape[0], [*weights, None, span, water], [water])]
+        return [state.record(solve_lines, water.shape[0], [*weights, span, water], [water])]
 
 
 class TwoThreads(Lanes):

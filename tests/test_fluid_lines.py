@@ -62,8 +62,7 @@ class Lines:
         turn = (0, 1) if direction == "x" else (1, 0)
         right_side, solution = (state[name].transpose(turn) for name in ("right_side", "solution"))
         span = "row_span" if direction == "x" else "column_span"
-        diagonal = None if self.excess is None else f"line_diagonal_{direction}"
-        inputs = [f"forward_weight_{direction}", f"backward_weight_{direction}", diagonal, span, right_side]
+        inputs = [f"forward_weight_{direction}", f"backward_weight_{direction}", span, right_side]
         state.record(solve_lines, len(right_side), inputs, [solution]).run()
         return state["solution"].numpy().copy()
 

@@ -47,15 +47,6 @@ def mean_of_lanes(a: Any, b: Any, weight: Any):
     return wp.min(wp.max(a + wp.cw_mul(weight, b - a), wp.min(a, b)), wp.max(a, b))
 
 
-@wp.func
-def content_of(right_side: wp.array2d[wp.Float], diagonal: wp.array3d[wp.Float], line: wp.int32, cell: wp.int32):
-    """The ``f_i`` of a cell; where a diagonal is given, the right side holds ``e_i f_i``."""
-    content = right_side[line, cell]
-    if diagonal:
-        content = content / diagonal[line / LANES, cell, line % LANES]
-    return content
-
-
 @wp.kernel
 def eliminate_lines(
     # inputs:
@@ -66,7 +57,6 @@ def eliminate_lines(
     # outputs:
     forward_weight_out: wp.array3d[wp.Float],
     backward_weight_out: wp.array3d[wp.Float],
-    diagonal_out: wp.array3d[wp.Float],
 ):
     """The weights of each line's two sweeps.
 
@@ -77,7 +67,6 @@ def eliminate_lines(
         time_step: [s].
         forward_weight_out: The ``w_i / s_i``, shape [block, cell, lane]; written within the span.
         backward_weight_out: The ``beta_i / d_i``, shape [block, cell, lane]; written within the span.
-        diagonal_out: The ``e_i``, shape [block, cell, lane], written within the span; None if nobody needs them.
     """
     line = wp.tid()
     block = line / LANES
@@ -93,8 +82,6 @@ def eliminate_lines(
         backward_weight = beta / (remainder + beta)
         forward_weight_out[block, cell, lane] = type(rate)(carried / remainder)
         backward_weight_out[block, cell, lane] = type(rate)(backward_weight)
-        if diagonal_out:
-            diagonal_out[block, cell, lane] = type(rate)(diagonal)
         carried = remainder * backward_weight
 
 
@@ -103,7 +90,6 @@ def solve_lines(
     # inputs:
     forward_weight: wp.array3d[wp.Float],
     backward_weight: wp.array3d[wp.Float],
-    diagonal: wp.array3d[wp.Float],
     span: wp.array2d[wp.int32],
     right_side: wp.array2d[wp.Float],
     # outputs:
@@ -114,9 +100,8 @@ def solve_lines(
     Args:
         forward_weight: From :func:`eliminate_lines`.
         backward_weight: From :func:`eliminate_lines`.
-        diagonal: From :func:`eliminate_lines`; None for a right side that holds the ``f_i``.
         span: First leaf cell of each line and the one after its last, shape [line, 2].
-        right_side: The ``e_i f_i``, or the ``f_i``, shape [line, cell].
+        right_side: The ``f_i``, shape [line, cell].
         solution_out: The ``y_i``, shape [line, cell]; written within the span. May be the array of the right
             side.
     """
@@ -128,7 +113,7 @@ def solve_lines(
     content = right_side.dtype(0.0)
     for cell in range(first, end):
         # The first weight is 0.
-        content = mean_of(content_of(right_side, diagonal, line, cell), content, forward_weight[block, cell, lane])
+        content = mean_of(right_side[line, cell], content, forward_weight[block, cell, lane])
         solution_out[line, cell] = content
     for back in range(end - first):
         cell = end - 1 - back
@@ -142,7 +127,6 @@ def solve_adjacent_lines(
     # inputs:
     forward_weight: wp.array2d[Lanes],
     backward_weight: wp.array2d[Lanes],
-    diagonal: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
     right_side: wp.array2d[Lanes],
     # outputs:
@@ -153,9 +137,8 @@ def solve_adjacent_lines(
     Args:
         forward_weight: From :func:`eliminate_lines`, shape [block, cell].
         backward_weight: From :func:`eliminate_lines`, shape [block, cell].
-        diagonal: From :func:`eliminate_lines`, shape [block, cell]; None for a right side that holds the ``f_i``.
         span: First leaf cell of each block and the one after its last, shape [block, 2].
-        right_side: The ``e_i f_i``, or the ``f_i``, shape [block, cell].
+        right_side: The ``f_i``, shape [block, cell].
         solution_out: The ``y_i``, shape [block, cell]; written within the span. May be the array of the right side.
     """
     block = wp.tid()
@@ -163,11 +146,8 @@ def solve_adjacent_lines(
     end = span[block, 1]
     content = forward_weight.dtype()
     for cell in range(first, end):
-        old = right_side[block, cell]
-        if diagonal:
-            old = wp.cw_div(old, diagonal[block, cell])
         # The first weight is 0.
-        content = mean_of_lanes(old, content, forward_weight[block, cell])
+        content = mean_of_lanes(right_side[block, cell], content, forward_weight[block, cell])
         solution_out[block, cell] = content
     for back in range(end - first):
         cell = end - 1 - back
@@ -180,7 +160,6 @@ def solve_distant_lines(
     # inputs:
     forward_weight: wp.array2d[Lanes],
     backward_weight: wp.array2d[Lanes],
-    diagonal: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
     right_side: wp.array2d[wp.Float],
     # outputs:
@@ -192,9 +171,8 @@ def solve_distant_lines(
     Args:
         forward_weight: From :func:`eliminate_lines`, shape [block, cell].
         backward_weight: From :func:`eliminate_lines`, shape [block, cell].
-        diagonal: From :func:`eliminate_lines`, shape [block, cell]; None for a right side that holds the ``f_i``.
         span: First leaf cell of each block and the one after its last, shape [block, 2].
-        right_side: The ``e_i f_i``, or the ``f_i``, shape [line, cell], whole blocks of lines.
+        right_side: The ``f_i``, shape [line, cell], whole blocks of lines.
         swept_out: Room for the ``z_i``, shape [room, cell]: as much as threads that may run at the same time.
         solution_out: The ``y_i``, shape [line, cell]; written within the span. May be the array of the right side.
     """
@@ -208,8 +186,6 @@ def solve_distant_lines(
     for cell in range(first, end):
         for lane in range(LANES):
             old[lane] = right_side[line + lane, cell]
-        if diagonal:
-            old = wp.cw_div(old, diagonal[block, cell])
         # The first weight is 0.
         content = mean_of_lanes(old, content, forward_weight[block, cell])
         swept_out[room, cell] = content

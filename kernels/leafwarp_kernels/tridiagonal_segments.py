@@ -19,7 +19,7 @@ from typing import Any
 import warp as wp
 
 from leafwarp_kernels.lanes import LANES, SEGMENT
-from leafwarp_kernels.tridiagonal import content_of, mean_of
+from leafwarp_kernels.tridiagonal import mean_of
 
 wp.set_module_options({"enable_backward": False})
 
@@ -75,7 +75,6 @@ def segment_products(
 def guess_forward(
     # inputs:
     forward_weight: wp.array3d[wp.Float],
-    diagonal: wp.array3d[wp.Float],
     span: wp.array2d[wp.int32],
     right_side: wp.array2d[wp.Float],
     # outputs:
@@ -85,9 +84,8 @@ def guess_forward(
 
     Args:
         forward_weight: Shape [block, cell, lane].
-        diagonal: Shape [block, cell, lane]; None for a right side that holds the ``f_i``.
         span: First leaf cell of each line and the one after its last, shape [line, 2].
-        right_side: The ``e_i f_i``, or the ``f_i``, shape [line, cell].
+        right_side: The ``f_i``, shape [line, cell].
         forward_out: What is kept of the sweep, shape [KEPT, segment, line].
     """
     segment, line = wp.tid()
@@ -97,12 +95,12 @@ def guess_forward(
     end = wp.min(span[line, 1], (segment + 1) * SEGMENT)
     guess = right_side.dtype(0.0)
     if first < end:
-        guess = content_of(right_side, diagonal, line, first)
+        guess = right_side[line, first]
     content = guess
     low = guess
     high = guess
     for cell in range(first, end):
-        old = content_of(right_side, diagonal, line, cell)
+        old = right_side[line, cell]
         low = wp.min(low, old)
         high = wp.max(high, old)
         content = mean_of(old, content, forward_weight[block, cell, lane])
@@ -117,7 +115,6 @@ def sweep_forward(
     # inputs:
     forward_weight: wp.array3d[wp.Float],
     backward_weight: wp.array3d[wp.Float],
-    diagonal: wp.array3d[wp.Float],
     span: wp.array2d[wp.int32],
     forward_product: wp.array2d[wp.Float],
     forward: wp.array3d[wp.Float],
@@ -131,7 +128,6 @@ def sweep_forward(
     Args:
         forward_weight: Shape [block, cell, lane].
         backward_weight: Shape [block, cell, lane].
-        diagonal: As for :func:`guess_forward`.
         span: First leaf cell of each line and the one after its last, shape [line, 2].
         forward_product: From :func:`segment_products`.
         forward: From :func:`guess_forward`.
@@ -148,7 +144,7 @@ def sweep_forward(
     for before in range(segment):
         content = carry(content, forward_product[before, line], before, line, forward)
     for cell in range(first, end):
-        content = mean_of(content_of(right_side, diagonal, line, cell), content, forward_weight[block, cell, lane])
+        content = mean_of(right_side[line, cell], content, forward_weight[block, cell, lane])
         swept_out[line, cell] = content
     guess = right_side.dtype(0.0)
     if first < end:

@@ -77,7 +77,6 @@ class LineSolves:
         direction: "x" for rows, "y" for columns.
         time_step: [s].
         excess_diagonal: Array of what is added to the diagonal of the systems; None for none.
-        divided: Right sides are divided by 1 and the excess of the diagonal already.
         segmented: Share each line among many threads; by default on a GPU only.
     """
 
@@ -88,7 +87,6 @@ class LineSolves:
         direction: Literal["x", "y"],
         time_step: float,
         excess_diagonal: str | None = None,
-        divided: bool = False,
         segmented: bool | None = None,
     ):
         self._state = state
@@ -98,15 +96,8 @@ class LineSolves:
         conductance = self._lines(f"conductance_{direction}")
         excess = self._lines(excess_diagonal) if excess_diagonal is not None else None
         self._shape = conductance.shape
-        self._diagonal = None
-        if excess is not None and not divided:
-            self._diagonal = f"line_diagonal_{direction}"
-            shape = state[self._weights[0]].shape
-            stage.add_array(state, ArraySpec(self._diagonal, shape, "real", "diagonal without the lines' exchange"))
-            state[self._diagonal].fill_(1.0)
-        outputs = [*self._weights, self._diagonal]
         inputs = [conductance, excess, self._span, time_step]
-        self._elimination = [state.record(eliminate_lines, self._shape[0], inputs, outputs)]
+        self._elimination = [state.record(eliminate_lines, self._shape[0], inputs, self._weights)]
         self._segments = None
         if state.many_threads if segmented is None else segmented:
             from leafwarp.sim.fluid.segments import Segments
@@ -128,15 +119,14 @@ class LineSolves:
         """Record the solve of every line, from one array of the state to another or in place.
 
         Args:
-            right_side: Array of the systems' right sides; padded.
+            right_side: Array of the systems' right sides over 1 and the excess of the diagonal; padded.
             solution: Array to write; padded.
         """
         state = self._state
         if self._segments is not None:
-            system = [*self._weights, self._diagonal, self._span]
-            return self._segments.record(system, self._lines(right_side), self._lines(solution))
+            return self._segments.record([*self._weights, self._span], self._lines(right_side), self._lines(solution))
         along_rows = self._direction == "x"
-        lanes = [None if name is None else state.lanes(name)[:, :, 0] for name in (*self._weights, self._diagonal)]
+        lanes = [state.lanes(name)[:, :, 0] for name in self._weights]
         inputs = [*lanes, "row_block_span" if along_rows else "column_block_span"]
         blocks = len(lanes[0])
         if along_rows:

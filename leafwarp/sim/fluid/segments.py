@@ -42,19 +42,19 @@ class Segments:
         """Record the products of the weights, after these are made."""
         return self._state.record(segment_products, self._dim, [*weights, span], self._products)
 
-    def record(self, system: Sequence[str | None], right_side: wp.array, solution: wp.array) -> list[Command]:
+    def record(self, system: Sequence[str], right_side: wp.array, solution: wp.array) -> list[Command]:
         """Record the solve of every line.
 
         Args:
-            system: Names of the arrays of the forward and backward weights, the diagonal (or None) and the spans.
+            system: Names of the arrays of the forward and backward weights and of the spans.
             right_side: Shape [line, cell].
             solution: Shape [line, cell].
         """
-        forward_weight, backward_weight, diagonal, span = system
+        forward_weight, backward_weight, span = system
         forward, backward = self._kept
         record, dim = self._state.record, self._dim
         return [
-            record(guess_forward, dim, [forward_weight, diagonal, span, right_side], [forward]),
+            record(guess_forward, dim, [forward_weight, span, right_side], [forward]),
             record(sweep_forward, dim, [*system, self._products[0], forward, right_side], [backward, solution]),
             record(sweep_backward, dim, [backward_weight, span, self._products[1], backward], [solution]),
         ]

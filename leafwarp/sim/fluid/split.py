@@ -38,7 +38,7 @@ class SplitDiffusion(Stage):
         excess = None
         if self._supply is not None:
             excess = "source_exchange"
-        self._solves = {direction: LineSolves(self, state, direction, time_step, excess, True) for direction in "xy"}
+        self._solves = {direction: LineSolves(self, state, direction, time_step, excess) for direction in "xy"}
         passes = {direction: solve.record("water", "water") for direction, solve in self._solves.items()}
         self.commands = self._alone = [*passes["x"], *passes["y"]]
         if self._supply is not None:
