@@ -120,7 +120,7 @@ class TwoThreads(Lanes):
         launches = []
         for begin, end in ((0, middle), (middle, blocks)):
             part = slice(begin, end)
-            inputs = [*(array[part] for array in weights), None, span[part]]
+            inputs = [*(array[part] for array in weights), span[part]]
             if direction == "x":
                 water = state.whole("water")[LANES * begin : LANES * end]
                 room = wp.zeros((1, weights[0].shape[1]), dtype=weights[0].dtype, device="cpu")

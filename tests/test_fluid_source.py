@@ -462,7 +462,7 @@ def test_uptake_hardly_depends_on_the_map(scheme: str, device: str) -> None:
     assert added[2] > 0.15
 
 
-@pytest.mark.parametrize(("scheme", "closed", "opened"), [("split", 2, 6), ("unsplit", 0, 2), ("iterated", 5, 7)])
+@pytest.mark.parametrize(("scheme", "closed", "opened"), [("split", 2, 6), ("unsplit", 0, 2), ("iterated", 7, 8)])
 def test_only_a_scene_with_a_source_pays_for_it(scheme: str, closed: int, opened: int) -> None:
     """Launches of a step without an iteration: the water is the same everywhere."""
     mask = ellipse(12)

@@ -67,7 +67,7 @@ def make_scene(tables: Mapping[str, Any], precision: str = "float32") -> Scene:
     tables = dict(tables)
     solver = {"unsplit": "factor", "iterated": "conjugate_gradients"}.get(tables.get("fluid", {}).get("scheme"))
     if solver is not None:
-        tables["fluid"] = tables["fluid"] | {"scheme": "unsplit", "solver": solver}
+        tables["fluid"] = {"solver": solver} | tables["fluid"] | {"scheme": "unsplit"}
     return Scene.model_validate(base | tables)
 
 
