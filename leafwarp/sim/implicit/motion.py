@@ -308,6 +308,8 @@ class Quasistatic(NewtonMotion):
         before, velocity = self._place(), self._copies(("velocity",))
         if self._path is not None:
             self._go_back(self._path)
+            if self._rests():
+                return 0
         try:
             steps = self._approach(frame)
         except SimulationError:
@@ -315,6 +317,11 @@ class Quasistatic(NewtonMotion):
             raise
         self._upload(velocity)
         return steps
+
+    def _rests(self) -> bool:
+        """Whether the rest state of the moment is the one that the leaf is in equilibrium with."""
+        present = self._copies(REST_STATE)
+        return all(np.array_equal(present[name], values) for name, values in self._rest_state.items())
 
     def _approach(self, frame: int) -> int:
         steps = super().advance(0.0, frame)
