@@ -115,10 +115,9 @@ def test_any_beta_gives_a_bounded_step_or_a_clear_refusal(
     try:
         sample.fluid.advance(1.0, frame=2)
     except SimulationError as error:
-        reason = (
-            r"after (\d+ iterations|6 solves)" if scheme == "iterated" else "(after 12 solves|the system has no factor)"
-        )
-        assert re.match(f"frame 2: {name}: {reason}", str(error))
+        # The factor solves all of them; conjugate gradients in double precision all but contrasts of 1e12.
+        assert scheme == "iterated" and (precision == "float32" or decades in [(0.0, 12.0), (25.0, 40.0)])
+        assert re.match(rf"frame 2: {name}: after (\d+ iterations|6 solves)", str(error))
         assert "fluid.scheme = 'split'" in str(error)
         return
     after = sample.leaf_water
