@@ -130,10 +130,10 @@ def _fluid_report(simulation: Simulation) -> dict[str, Any]:
         "step_seconds": fluid.steps.length,
         "ledger": {**asdict(ledger), "error": ledger.error},
     }
-    solver, factored = simulation.stage("unsplit_diffusion"), simulation.stage("factored_diffusion")
-    if solver is not None:
-        report["solver_iterations"] = {"most": solver.most_iterations, "total": solver.iterations}
-    if factored is not None:
-        system = factored.system
-        report["solves"] = {"most": system.most_solves, "total": system.solves}
+    iterative, factored = simulation.stage("unsplit_diffusion"), simulation.stage("factored_diffusion")
+    if iterative is not None:
+        report["solver_iterations"] = {"most": iterative.most_iterations, "total": iterative.iterations}
+    for stage in (iterative, factored):
+        if stage is not None and stage.system is not None:
+            report["solves"] = {"most": stage.system.most_solves, "total": stage.system.solves}
     return report

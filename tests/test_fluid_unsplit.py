@@ -26,6 +26,7 @@ TOLERANCE = 1e-5
 # The residual bounds the error in the 2-norm, relative to the contents: the scene's tolerance, float64 its
 # square. In float32 the rounding of the contents comes on top.
 RELATIVE_ERROR = {"float32": TOLERANCE + 1e-6, "float64": TOLERANCE**2}
+LEFT_OPEN = "unsplit, solver left open"
 by_either_solver = pytest.mark.parametrize("scheme", ["unsplit", "iterated"])
 ROUNDING = {"float32": 2e-7, "float64": 1e-15}
 
@@ -101,7 +102,7 @@ def test_a_constant_field_takes_no_iteration_and_no_solve(content: float, device
 
 
 @pytest.mark.parametrize("decades", [(-6.0, 6.0), (0.0, 12.0), (12.0, 12.0), (25.0, 40.0)])
-@by_either_solver
+@pytest.mark.parametrize("scheme", ["unsplit", "iterated", LEFT_OPEN])
 def test_any_beta_gives_a_bounded_step_or_a_clear_refusal(
     scheme: str, decades: tuple, device: str, precision: str
 ) -> None:
@@ -109,7 +110,6 @@ def test_any_beta_gives_a_bounded_step_or_a_clear_refusal(
     mask = ellipse(20, 16)
     water = np.where(mask, rng.random(mask.shape), 0.0)
     diffusivity = random_diffusivity(rng, mask.shape, decades)
-    name = stage_name(scheme)
     sample = diffusion_sample(diffusivity, mask, water, scheme, device=device, precision=precision)
     before = sample.leaf_water
     try:
@@ -117,7 +117,7 @@ def test_any_beta_gives_a_bounded_step_or_a_clear_refusal(
     except SimulationError as error:
         # The factor solves all of them; conjugate gradients in double precision all but contrasts of 1e12.
         assert scheme == "iterated" and (precision == "float32" or decades in [(0.0, 12.0), (25.0, 40.0)])
-        assert re.match(rf"frame 2: {name}: after (\d+ iterations|6 solves)", str(error))
+        assert re.match(rf"frame 2: {NAME}: after (\d+ iterations|6 solves)", str(error))
         assert "fluid.scheme = 'split'" in str(error)
         return
     after = sample.leaf_water
@@ -126,6 +126,31 @@ def test_any_beta_gives_a_bounded_step_or_a_clear_refusal(
     tolerance = RELATIVE_ERROR[precision] * np.sqrt(len(before))
     assert before.min() - tolerance <= after.min() <= after.max() <= before.max() + tolerance
     assert abs(after.sum() - before.sum()) <= ROUNDING[precision] * len(before)
+
+
+def test_a_factor_takes_over_from_iterations_that_do_not_end(monkeypatch: pytest.MonkeyPatch, device: str) -> None:
+    """Filled from a source that is cut: the steps of the factor, to the rounding of the contents, and the ledger."""
+    monkeypatch.setattr(unsplit, "ITERATIONS_BEFORE_FACTOR", 1)
+    mask, diffusivity = veined(30, 24, 100.0)
+    foot = np.zeros(mask.shape)
+    foot[np.argwhere(mask)[:4, 0], np.argwhere(mask)[:4, 1]] = 0.25
+    after = []
+    for scheme in ("unsplit", LEFT_OPEN):
+        tables = {
+            "fluid": {"step": 60.0, "scheme": scheme, "lamina_diffusivity": 1e-8, "vein_diffusivity": 1e-6},
+            "source": {"conductance": 5e-5, "cut_at": 270.0},
+            "time": {"duration": 600.0, "frames": 2},
+        }
+        maps = {"venation": diffusivity, "source": foot, "water": np.where(mask, 0.3, 0.0)}
+        sample = make_sample(tables, mask, maps, device=device)
+        sample.fluid.advance(600.0)
+        after.append(sample.leaf_water)
+        ledger = sample.fluid.ledger()
+        assert ledger.added > 0.0
+        assert abs(ledger.error) <= 1e-6
+    stage = sample.stages[NAME]
+    assert stage.iterations == 1 and stage.system.solves >= 10
+    assert np.abs(after[0] - after[1]).max() <= 10 * ROUNDING["float32"]
 
 
 def test_too_few_iterations_are_refused_with_a_remedy(monkeypatch: pytest.MonkeyPatch, device: str) -> None:

@@ -39,8 +39,9 @@ class FluidTable(Table):
     solver: Literal["factor", "conjugate_gradients"] | None = Field(
         None,
         description="How the unsplit scheme solves a step. conjugate_gradients: preconditioned with multigrid, all on "
-        "the device. factor: a sparse factor, made once, on the host. Default: conjugate_gradients in float32, factor "
-        "in float64, whose tolerance takes more iterations, and for many leaves.",
+        "the device. factor: a sparse factor, made once, on the host. Default: factor in float64, whose tolerance "
+        "takes more iterations, and for many leaves; else conjugate_gradients, and factor from a step on that they do "
+        "not solve.",
     )
     lamina_diffusivity: Annotated[Diffusivity, Bounds(0.0, unit="m2/s")] = Field(
         1e-9, description="Diffusivity of water between the veins [m^2/s] (artistic)."

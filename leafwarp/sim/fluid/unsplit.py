@@ -1,9 +1,13 @@
-"""Diffusion along rows and columns at once: the accurate scheme, without the splitting error."""
+"""Diffusion along rows and columns at once: the accurate scheme, without the splitting error.
+
+Where ``fluid.solver`` is left open, a step that the conjugate gradients do not solve, and all after it, are solved by
+the sparse factor of :mod:`leafwarp.sim.fluid.exchange`.
+"""
 
 from __future__ import annotations
 
 import math
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import warp as wp
@@ -32,7 +36,14 @@ from leafwarp_kernels.conjugate_gradients import (
 )
 from leafwarp_kernels.unsplit import apply_system, choose_shift, finish_step, guess_change, start_residual, sum_change
 
+if TYPE_CHECKING:
+    from leafwarp.sim.fluid.exchange import ExchangeSystem
+
 MAXIMUM_ITERATIONS = 5000
+# The same where a factor may take over, which costs as much as some hundreds of them; and the most cells that it is
+# made of, beyond which it takes minutes and gigabytes.
+ITERATIONS_BEFORE_FACTOR = 300
+MOST_CELLS_OF_FACTOR = 1 << 20
 # Solves of a step, each for what the one before it has left, where one would lose too much to rounding.
 MAXIMUM_PASSES = 6
 # Share of a residual that rounding may leave, in units of the last place.
@@ -50,9 +61,11 @@ REMEDY = (
 class _Step(NamedTuple):
     """The launches of a step: before its iterations, in each of them and at its end.
 
-    ``settle`` takes the mean off a residual that rounding has given one, before it is iterated on.
+    ``total`` sums a change that is given, where nothing enters or leaves. ``settle`` takes the mean off a residual
+    that rounding has given one, before it is iterated on.
     """
 
+    total: list[Command]
     start: list[Command]
     settle: list[Command]
     iteration: list[Command]
@@ -69,6 +82,7 @@ class UnsplitDiffusion(Stage):
     Attributes:
         iterations: Conjugate gradient iterations so far.
         most_iterations: The most that a step has taken.
+        system: The factorised system that has taken over; None as long as none has.
     """
 
     name = "unsplit_diffusion"
@@ -80,6 +94,9 @@ class UnsplitDiffusion(Stage):
         shape = leaf.mask.shape
         self.iterations = 0
         self.most_iterations = 0
+        self.system: ExchangeSystem | None = None
+        is_open = "solver" not in scene.fluid.model_fields_set
+        self._may_factor = is_open and np.count_nonzero(leaf.mask) <= MOST_CELLS_OF_FACTOR
         self._cycle = Multigrid(shape, "unsplit_residual", "unsplit_swept", "unsplit_preconditioned")
         maps = {
             "before": "contents after the last step",
@@ -104,6 +121,10 @@ class UnsplitDiffusion(Stage):
             self.purpose += ", fed at the petiole base"
             self.host_reads = ("source_exchange",)
             self.arrays += self._supply.arrays
+
+    @property
+    def host_bytes(self) -> int:
+        return self.system.byte_count if self.system is not None else 0
 
     def bind(self, state: State) -> None:
         self._state = state
@@ -166,17 +187,17 @@ class UnsplitDiffusion(Stage):
         def step(closed: float, added: str | None) -> _Step:
             written = [water, *kept, residual, added]
             finish = record(finish_step, dim, [change, coupled, shift, *threads], written)
+            total = [record(sum_change, dim, [change, *threads], [sums])] if closed else []
             start = [
+                *total,
                 record(choose_shift, 1, [sums, count, closed], [shift]),
                 residual_at_start,
                 record(start_iteration, 1, [sums, tolerance, count], [solver]),
             ]
-            if closed:
-                start.insert(0, record(sum_change, dim, [change, *threads], [sums]))
             length = record(choose_step_length, 1, [sums, count], [solver])
             measure = record(measure_residual, 1, [sums], [solver])
             last = record(choose_shift, 1, [sums, count, closed], [shift])
-            return _Step(start, [advance, measure], [*precondition, length, advance, measure], [last, finish])
+            return _Step(total, start, [advance, measure], [*precondition, length, advance, measure], [last, finish])
 
         self._alone = step(1.0, None)
         if self._supply is not None:
@@ -193,7 +214,8 @@ class UnsplitDiffusion(Stage):
         """Do one step.
 
         Raises:
-            NotConverged: The residual is not below the tolerance after :data:`MAXIMUM_ITERATIONS`.
+            NotConverged: The residual is not below the tolerance after :data:`MAXIMUM_ITERATIONS`, and no factor may
+                take over.
         """
         step, is_new = self._alone, not self._is_begun
         if self._supply is not None:
@@ -207,6 +229,18 @@ class UnsplitDiffusion(Stage):
             self._is_begun = True
         if step is not self._alone:
             _run(self._fill)
+        if self.system is None:
+            try:
+                self._solve(step, is_new)
+            except NotConverged:
+                if not self._may_factor:
+                    raise
+                self._take_factor()
+        if self.system is not None:
+            self._solve_by_factor(step)
+        _run(step.finish)
+
+    def _solve(self, step: _Step, is_new: bool) -> None:
         if is_new:
             # What the last steps did says nothing about this one.
             for name in ("change", "rounding", "residual"):
@@ -218,7 +252,28 @@ class UnsplitDiffusion(Stage):
             self._iterate(step)
         else:
             self._iterate_repeatedly(step)
-        _run(step.finish)
+
+    def _take_factor(self) -> None:
+        """Solve this step and all after it by the factor."""
+        from leafwarp.sim.fluid.exchange import ExchangeSystem
+
+        time_step = FluidSteps.of(self.scene).length
+        self.system = ExchangeSystem(leaf_conductance(self.scene, self.leaf, time_step), self.leaf.mask, time_step)
+        self._factorise()
+        # Where they have run over, they have left no numbers beside the map either.
+        for name in ("change", "rounding", "residual"):
+            self._state.whole(f"unsplit_{name}").zero_()
+
+    def _factorise(self) -> None:
+        excess = self._supply and self._state["source_exchange"].numpy().reshape(-1)[self.system.cells]
+        self.system.factorise(excess)
+
+    def _solve_by_factor(self, step: _Step) -> None:
+        content = self._state["water"].numpy().reshape(-1)[self.system.cells].astype(np.float64)
+        change = np.zeros(self.leaf.mask.shape)
+        change.reshape(-1)[self.system.cells] = self.system.step(content, self.scene.residual_tolerance) - content
+        self._state.upload("unsplit_change", change)
+        _run(step.total)
 
     def _iterate_repeatedly(self, step: _Step) -> None:
         """Solve again for what is left, until that changes the contents by no more than the tolerance.
@@ -245,7 +300,8 @@ class UnsplitDiffusion(Stage):
         )
 
     def _iterate(self, step: _Step) -> None:
-        for _ in range(0, MAXIMUM_ITERATIONS, self._iterations_per_look):
+        most = ITERATIONS_BEFORE_FACTOR if self._may_factor else MAXIMUM_ITERATIONS
+        for _ in range(0, most, self._iterations_per_look):
             if not self._residual_over_limit() > 1.0:
                 break
             for _ in range(self._iterations_per_look):
@@ -265,13 +321,16 @@ class UnsplitDiffusion(Stage):
 
     def _change_source(self) -> None:
         """Make the system anew, after the source's exchange has changed."""
+        if self.system is not None:
+            self._factorise()
+            return
         exchange = self._state["source_exchange"].numpy().astype(np.float64)
         self._cycle.upload_mass(self._state, np.where(self.leaf.mask, 1.0 + exchange, 0.0))
 
     def _residual_over_limit(self) -> float:
         numbers = self._solver.numpy()
         squared, limit = float(numbers[RESIDUAL_SQUARED]), float(numbers[LIMIT_SQUARED])
-        return math.sqrt(squared / limit) if limit > 0.0 else math.inf if squared > 0.0 else 0.0
+        return math.sqrt(squared / limit) if limit > 0.0 else 0.0 if squared == 0.0 else math.inf
 
     def _check(self) -> None:
         count = int(self._solver.numpy()[ITERATIONS])

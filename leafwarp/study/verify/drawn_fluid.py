@@ -18,6 +18,12 @@ from leafwarp.sim.stage import Stage
 
 # The schemes of diffusion and their stages; "iterated" is the unsplit one by conjugate gradients.
 STAGES = {"split": "split_diffusion", "unsplit": "factored_diffusion", "iterated": "unsplit_diffusion"}
+# What the unsplit ones say of their solver; "unsplit, solver left open" has the stage that follows from the precision.
+SOLVERS = {
+    "unsplit": {"solver": "factor"},
+    "iterated": {"solver": "conjugate_gradients"},
+    "unsplit, solver left open": {},
+}
 
 
 @dataclass
@@ -57,7 +63,7 @@ class Sample:
 
 
 def make_scene(tables: Mapping[str, Any], precision: str = "float32") -> Scene:
-    """A scene of a leaf that is not read, with further tables; schemes are those of :data:`STAGES`."""
+    """A scene of a leaf that is not read, with further tables; its scheme is one of :data:`STAGES` or `SOLVERS`."""
     base = {
         "leaf": {"image": "leaf.png", "length": 0.1},
         "time": {"duration": 600.0, "frames": 11},
@@ -65,9 +71,9 @@ def make_scene(tables: Mapping[str, Any], precision: str = "float32") -> Scene:
         "solver": {"precision": precision},
     }
     tables = dict(tables)
-    solver = {"unsplit": "factor", "iterated": "conjugate_gradients"}.get(tables.get("fluid", {}).get("scheme"))
-    if solver is not None:
-        tables["fluid"] = {"solver": solver} | tables["fluid"] | {"scheme": "unsplit"}
+    scheme = tables.get("fluid", {}).get("scheme")
+    if scheme in SOLVERS:
+        tables["fluid"] = SOLVERS[scheme] | tables["fluid"] | {"scheme": "unsplit"}
     return Scene.model_validate(base | tables)
 
 
