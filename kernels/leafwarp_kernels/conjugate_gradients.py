@@ -1,9 +1,20 @@
 """The conjugate gradient iteration on a map, for any symmetric positive definite system.
 
-The iteration's numbers stay on the device, so that no iteration waits for the host. Once the residual is
+The iteration's numbers stay on the device, so that no iteration waits for the host. Once the error is
 small enough the step along the search direction has length 0, and further iterations change nothing: how
 often the host looks is of no consequence. Sums are taken in float64, each segment of a row by one thread and then over
 all, always in the same order, so that two runs agree to the last bit. (Hestenes and Stiefel 1952.)
+
+Where no eigenvalue of ``A`` is below 1 the residual ``r`` bounds the error ``e``, ``|e| <= |r|``, but where some are
+large it is far above it. Sharper is the energy: with the preconditioner ``B`` and the least and largest eigenvalues
+``mu`` and ``nu`` of ``B A``,
+
+    |e|^2 <= e^T A e = r^T A^-1 r <= r^T B r / mu,
+
+and ``r^T B r`` is at hand. An iteration makes it smaller at least by the factor ``((nu - mu) / (nu + mu))^2``, as a
+step of steepest descent would, so that its end need not wait for another ``B r``. Estimates of both eigenvalues, from
+within, follow from the lengths of the steps and the shares of the last directions in the next, which are kept
+(Lanczos; Golub and Van Loan, "Matrix Computations", 10.2). An iteration ends where either bound is small enough.
 
 What the cells of a map give to each other, the outflow, adds up to 0. The sum that rounding leaves, the leak, is taken
 off the residual, where it would grow to a constant of any size.
@@ -28,7 +39,14 @@ STEP_LENGTH = wp.constant(3)
 IMPROVEMENT = wp.constant(4)
 ITERATIONS = wp.constant(5)
 LEAK = wp.constant(6)
-SLOT_COUNT = 7
+ENERGY = wp.constant(7)
+ERROR_SQUARED = wp.constant(8)
+SLOT_COUNT = 9
+
+# Slots of the array ``bounds``, shape [BOUND_COUNT]: 1 / mu, 0 where it is not known, and the factor of an iteration.
+BOUND_ENERGY = wp.constant(0)
+BOUND_CONTRACTION = wp.constant(1)
+BOUND_COUNT = 2
 
 # Slots of the sums of segments, shape [SUM_COUNT, segment, ny].
 SUM_RESIDUAL_SQUARED = wp.constant(0)
@@ -37,6 +55,11 @@ SUM_RIGHT_SIDE_SQUARED = wp.constant(2)
 SUM_CHANGE = wp.constant(3)
 SUM_OUTFLOW = wp.constant(4)
 SUM_COUNT = 5
+
+# Rows of the array ``history``, shape [HISTORY_COUNT, iteration].
+HISTORY_STEP_LENGTH = wp.constant(0)
+HISTORY_IMPROVEMENT = wp.constant(1)
+HISTORY_COUNT = 2
 
 SumLanes = wp.types.vector(LANES, wp.float64)
 
@@ -86,9 +109,12 @@ def start_iteration(
         coupled_count: Number of cells that the system couples with others; 1 where there is none.
         solver_out: Shape [SLOT_COUNT].
     """
-    solver_out[RESIDUAL_SQUARED] = sum_rows(row_sum, SUM_RESIDUAL_SQUARED)
+    residual_squared = sum_rows(row_sum, SUM_RESIDUAL_SQUARED)
+    solver_out[RESIDUAL_SQUARED] = residual_squared
+    solver_out[ERROR_SQUARED] = residual_squared
     solver_out[LIMIT_SQUARED] = tolerance * tolerance * sum_rows(row_sum, SUM_RIGHT_SIDE_SQUARED)
     solver_out[PRECONDITIONED] = wp.float64(0.0)
+    solver_out[ENERGY] = wp.float64(0.0)
     solver_out[STEP_LENGTH] = wp.float64(0.0)
     solver_out[ITERATIONS] = wp.float64(0.0)
     solver_out[LEAK] = sum_rows(row_sum, SUM_OUTFLOW) / coupled_count
@@ -125,13 +151,15 @@ def preconditioned_product(
 def improve_direction(
     # inputs:
     row_sum: wp.array3d[wp.float64],
+    bounds: wp.array[wp.float64],
     # outputs:
     solver_out: wp.array[wp.float64],
 ):
-    """Share of the last search direction in the next (one thread).
+    """Share of the last search direction in the next, and the bound of the error (one thread).
 
     Args:
         row_sum: From :func:`preconditioned_product`, shape [SUM_COUNT, segment, ny].
+        bounds: Shape [BOUND_COUNT].
         solver_out: Shape [SLOT_COUNT].
     """
     before = solver_out[PRECONDITIONED]
@@ -141,6 +169,11 @@ def improve_direction(
         improvement = now / before
     solver_out[PRECONDITIONED] = now
     solver_out[IMPROVEMENT] = improvement
+    energy = bounds[BOUND_ENERGY] * now
+    solver_out[ENERGY] = energy
+    # What was accepted once stays accepted: how often the host looks is of no consequence.
+    if energy > wp.float64(0.0) and solver_out[ERROR_SQUARED] > solver_out[LIMIT_SQUARED]:
+        solver_out[ERROR_SQUARED] = wp.min(solver_out[RESIDUAL_SQUARED], energy)
 
 
 @wp.kernel
@@ -180,20 +213,26 @@ def choose_step_length(
     coupled_count: wp.float64,
     # outputs:
     solver_out: wp.array[wp.float64],
+    history_out: wp.array2d[wp.float64],
 ):
-    """Length of the step along the direction: 0 once the residual is small enough (one thread).
+    """Length of the step along the direction: 0 once the error is small enough (one thread).
 
     Args:
         row_sum: Product of the direction and its image, and outflow, shape [SUM_COUNT, segment, ny].
         coupled_count: Number of cells that the system couples with others; 1 where there is none.
         solver_out: Shape [SLOT_COUNT].
+        history_out: Numbers of the first iterations, shape [HISTORY_COUNT, iteration].
     """
     curvature = sum_rows(row_sum, SUM_PRODUCT)
     step_length = wp.float64(0.0)
-    if solver_out[RESIDUAL_SQUARED] > solver_out[LIMIT_SQUARED]:
-        solver_out[ITERATIONS] += wp.float64(1.0)
+    if solver_out[ERROR_SQUARED] > solver_out[LIMIT_SQUARED]:
         if curvature > wp.float64(0.0):
             step_length = solver_out[PRECONDITIONED] / curvature
+        iteration = int(solver_out[ITERATIONS])
+        if iteration < history_out.shape[1]:
+            history_out[HISTORY_STEP_LENGTH, iteration] = step_length
+            history_out[HISTORY_IMPROVEMENT, iteration] = solver_out[IMPROVEMENT]
+        solver_out[ITERATIONS] = wp.float64(iteration + 1)
     solver_out[STEP_LENGTH] = step_length
     solver_out[LEAK] += step_length * sum_rows(row_sum, SUM_OUTFLOW) / coupled_count
 
@@ -254,14 +293,22 @@ def advance_solution(
 def measure_residual(
     # inputs:
     row_sum: wp.array3d[wp.float64],
+    bounds: wp.array[wp.float64],
     # outputs:
     solver_out: wp.array[wp.float64],
 ):
-    """Squared norm of the residual, from which the leak is taken off (one thread).
+    """Squared norm of the residual, from which the leak is taken off, and the bound of the error (one thread).
 
     Args:
         row_sum: From :func:`advance_solution`, shape [SUM_COUNT, segment, ny].
+        bounds: Shape [BOUND_COUNT].
         solver_out: Shape [SLOT_COUNT].
     """
-    solver_out[RESIDUAL_SQUARED] = sum_rows(row_sum, SUM_RESIDUAL_SQUARED)
+    residual_squared = sum_rows(row_sum, SUM_RESIDUAL_SQUARED)
+    solver_out[RESIDUAL_SQUARED] = residual_squared
+    if solver_out[ERROR_SQUARED] > solver_out[LIMIT_SQUARED]:
+        energy = bounds[BOUND_CONTRACTION] * solver_out[ENERGY]
+        if energy > wp.float64(0.0) and solver_out[STEP_LENGTH] > wp.float64(0.0):
+            residual_squared = wp.min(residual_squared, energy)
+        solver_out[ERROR_SQUARED] = residual_squared
     solver_out[LEAK] = wp.float64(0.0)

@@ -8,7 +8,8 @@ is never larger than its residual, ``|y - y_exact| <= |f - A y|``.
 It is solved for the change ``d = y - f`` by conjugate gradients (:mod:`leafwarp_kernels.conjugate_gradients`),
 preconditioned with a multigrid cycle (:mod:`leafwarp_kernels.multigrid`). Three things are handed on from step to step:
 
-- The last increment ``y - y_before``: the start is what another such increment would give.
+- The last increment ``y - y_before``: the start is what another such increment would give. As long as increments stay
+  much the same it is the mean with the one before, so that errors which are allowed do not build up in it.
 - What rounding to the stored contents has cut off. With it the start is a smooth field. Without, the noise of the last
   bit, times beta, would be a residual far above what is accepted.
 - The residual that is left. It is added to the right side of the next step (the change of ``f`` and this sum
@@ -27,6 +28,8 @@ row, on a CPU all of them.
 import warp as wp
 
 from leafwarp_kernels.conjugate_gradients import (
+    ITERATIONS,
+    LEAK,
     SUM_CHANGE,
     SUM_OUTFLOW,
     SUM_PRODUCT,
@@ -42,6 +45,9 @@ from leafwarp_kernels.multigrid import LAST, flux_across, flux_east, from_west, 
 
 wp.set_module_options({"enable_backward": False})
 
+# A step with no more iterations has found the last one's increment again, but for the errors that both are allowed.
+FEW_ITERATIONS = wp.constant(2)
+
 
 @wp.kernel
 def guess_change(
@@ -56,13 +62,13 @@ def guess_change(
     # outputs:
     change_out: wp.array2d[Lanes],
 ):
-    """The change after which the contents would have grown by the same increment as in the last step.
+    """The change after which the contents would have grown by the same increment as in the last steps.
 
     Args:
         water: Contents before the step, ``f``, shape [ny, block].
         before: Contents after the last step, shape [ny, block].
         rounding: What was cut off from them, shape [ny, block].
-        increment: Increment of the last step, shape [ny, block].
+        increment: Increment of the last steps, shape [ny, block].
         coupled: 1 where a cell exchanges water with another, else 0, shape [ny, block].
         span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
         segment_length: Blocks of a thread.
@@ -101,7 +107,7 @@ def start_residual(
         water: Contents before the step, ``f``, shape [ny, block].
         change: ``d``, shape [ny, block].
         coupled: 1 where a cell exchanges water with another, else 0, shape [ny, block].
-        shift: What the change of coupled cells will be given at the end of the step, shape [1].
+        shift: What the change of coupled cells will be given at the end of the step, and more, shape [2].
         mass: The diagonal of ``E``, shape [ny, block].
         faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
         faces_y: The same to its upper neighbour.
@@ -224,13 +230,17 @@ def choose_shift(
 ):
     """What every coupled cell has to gain so that none of the content is lost or made (one thread).
 
+    Done before the iterations, whose residual allows for it, and after them.
+
     Args:
         row_sum: Sums of the change, shape [SUM_COUNT, segment, ny].
         coupled_count: Number of coupled cells; 1 where there is none.
         closed: 1 where nothing enters or leaves, else 0.
-        shift_out: Shape [1].
+        shift_out: That gain, and how much more it is than when it was chosen last, shape [2].
     """
-    shift_out[0] = -closed * sum_rows(row_sum, SUM_CHANGE) / coupled_count
+    shift = -closed * sum_rows(row_sum, SUM_CHANGE) / coupled_count
+    shift_out[1] = shift - shift_out[0]
+    shift_out[0] = shift
 
 
 @wp.kernel
@@ -241,6 +251,7 @@ def finish_step(
     shift: wp.array[wp.float64],
     span: wp.array2d[wp.int32],
     segment_length: wp.int32,
+    solver: wp.array[wp.float64],
     # outputs:
     water_out: wp.array2d[Lanes],
     before_out: wp.array2d[Lanes],
@@ -254,14 +265,15 @@ def finish_step(
     Args:
         change: ``d``, shape [ny, block].
         coupled: 1 where a cell exchanges water with another, else 0, shape [ny, block].
-        shift: Added to the change of coupled cells, shape [1].
+        shift: Added to the change of coupled cells, and what of it the residual does not allow for, shape [2].
         span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
         segment_length: Blocks of a thread.
+        solver: Numbers of the conjugate gradients, shape [SLOT_COUNT].
         water_out: Contents before and after the step, shape [ny, block].
         before_out: Contents after the last step and after this one, shape [ny, block].
         rounding_out: What was cut off from them, shape [ny, block].
-        increment_out: Increment of this step, shape [ny, block].
-        residual_out: Shape [ny, block]; less what the shift has made up for.
+        increment_out: Increment of the last steps, shape [ny, block].
+        residual_out: Shape [ny, block]; less the leak, if it is still in it, and what the shift has made up for.
         added_out: Content added to each segment so far, shape [segment, ny]; None where none is counted.
     """
     segment, row = wp.tid()
@@ -270,14 +282,20 @@ def finish_step(
     for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
         old = water_out[row, block]
         shifted = type(old[0])(shift[0]) * coupled[row, block]
+        unforeseen = type(old[0])(shift[1]) * coupled[row, block]
+        leak = type(old[0])(solver[LEAK]) * coupled[row, block]
         change_here = change[row, block] + shifted
         new = old + change_here
         passed = before_out[row, block] - old
-        increment_out[row, block] = change_here - (passed + rounding_out[row, block])
+        newest = change_here - (passed + rounding_out[row, block])
+        weight = type(old[0])(1.0)
+        if solver[ITERATIONS] <= wp.float64(FEW_ITERATIONS):
+            weight = type(old[0])(0.5)
+        increment_out[row, block] = increment_out[row, block] + weight * (newest - increment_out[row, block])
         rounding_out[row, block] = change_here - (new - old)
         before_out[row, block] = new
         water_out[row, block] = new
-        residual_out[row, block] = residual_out[row, block] - shifted
+        residual_out[row, block] = residual_out[row, block] + leak - unforeseen
         if added_out:
             added += wide(new) - wide(old)
     if added_out:

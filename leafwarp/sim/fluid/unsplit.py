@@ -21,9 +21,13 @@ from leafwarp.sim.fluid.steps import FluidSteps, NotConverged
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.stage import Interval, Stage
 from leafwarp_kernels.conjugate_gradients import (
+    BOUND_CONTRACTION,
+    BOUND_COUNT,
+    BOUND_ENERGY,
+    ERROR_SQUARED,
+    HISTORY_COUNT,
     ITERATIONS,
     LIMIT_SQUARED,
-    RESIDUAL_SQUARED,
     SLOT_COUNT,
     SUM_COUNT,
     advance_solution,
@@ -48,7 +52,13 @@ MOST_CELLS_OF_FACTOR = 1 << 20
 MAXIMUM_PASSES = 6
 # Share of a residual that rounding may leave, in units of the last place.
 ROUNDING = 10.0
-# Iterations between two looks at the residual from the host, which stall a GPU.
+# What the iterations have shown of the preconditioned system's least and largest eigenvalue is taken times these, as
+# soon as there were so many of them in one solve.
+LEAST_SAFETY, LARGEST_SAFETY = 0.5, 1.1
+TELLING_ITERATIONS = 3
+# Iterations of a solve whose numbers are kept.
+LONGEST_HISTORY = 32
+# Iterations between two looks at the error from the host, which stall a GPU.
 ITERATIONS_PER_LOOK = 4
 
 
@@ -59,7 +69,7 @@ REMEDY = (
 
 
 class _Step(NamedTuple):
-    """The launches of a step: before its iterations, in each of them and at its end.
+    """The launches of a step: before its iterations, in the two parts of each of them and at its end.
 
     ``total`` sums a change that is given, where nothing enters or leaves. ``settle`` takes the mean off a residual
     that rounding has given one, before it is iterated on.
@@ -68,15 +78,16 @@ class _Step(NamedTuple):
     total: list[Command]
     start: list[Command]
     settle: list[Command]
-    iteration: list[Command]
+    precondition: list[Command]
+    advance: list[Command]
     finish: list[Command]
 
 
 class UnsplitDiffusion(Stage):
     """One implicit step along rows and columns at once, by conjugate gradients, all on the device.
 
-    The residual is brought below ``fluid.tolerance`` times the norm of the contents (float64: its square),
-    which bounds the relative error of the contents in the same norm. Without a source the content of the whole
+    The error of the contents is brought below ``fluid.tolerance`` times their norm (float64: its square), as the bounds
+    of :mod:`leafwarp_kernels.conjugate_gradients` tell it. Without a source the content of the whole
     leaf is exact; while one is open, what is missing in it counts as added by the source.
 
     Attributes:
@@ -114,7 +125,9 @@ class UnsplitDiffusion(Stage):
             *(ArraySpec(f"unsplit_{name}", shape, "real", meaning, padded=True) for name, meaning in maps.items()),
             *self._cycle.arrays,
             ArraySpec("unsplit_solver", (SLOT_COUNT,), "float64", "numbers of the conjugate gradients"),
-            ArraySpec("unsplit_shift", (1,), "float64", "error of the mean content"),
+            ArraySpec("unsplit_history", (HISTORY_COUNT, LONGEST_HISTORY), "float64", "the same of each iteration"),
+            ArraySpec("unsplit_bounds", (BOUND_COUNT,), "float64", "what bounds the error by the energy; 0: not known"),
+            ArraySpec("unsplit_shift", (2,), "float64", "error of the mean content, and its change by the iterations"),
         )
         self._supply = diffusion_supply(scene, leaf, directions="x")
         if self._supply is not None:
@@ -150,6 +163,7 @@ class UnsplitDiffusion(Stage):
         self._reach = 1.0 / (ROUNDING * np.finfo(state.precision).eps)
         self._graphs: dict[int, wp.Graph] = {}
         self._is_begun = False
+        self._least_eigenvalue, self._largest_eigenvalue = math.inf, 0.0
 
     def _record_step(self, state: State, coupled_count: float) -> None:
         dim, threads, record, lanes = self._dim, self._threads, state.record, state.lanes
@@ -172,7 +186,9 @@ class UnsplitDiffusion(Stage):
         precondition = [
             *self._cycle.record(state),
             record(preconditioned_product, dim, [residual, preconditioned, *threads], [sums]),
-            record(improve_direction, 1, [sums], [solver]),
+            record(improve_direction, 1, [sums, "unsplit_bounds"], [solver]),
+        ]
+        image_of_direction = [
             record(update_direction, dim, [preconditioned, coupled, *threads, solver], [direction]),
             record(apply_system, dim, [direction, *system, *threads], [image, sums]),
         ]
@@ -186,7 +202,7 @@ class UnsplitDiffusion(Stage):
 
         def step(closed: float, added: str | None) -> _Step:
             written = [water, *kept, residual, added]
-            finish = record(finish_step, dim, [change, coupled, shift, *threads], written)
+            finish = record(finish_step, dim, [change, coupled, shift, *threads, solver], written)
             total = [record(sum_change, dim, [change, *threads], [sums])] if closed else []
             start = [
                 *total,
@@ -194,10 +210,11 @@ class UnsplitDiffusion(Stage):
                 residual_at_start,
                 record(start_iteration, 1, [sums, tolerance, count], [solver]),
             ]
-            length = record(choose_step_length, 1, [sums, count], [solver])
-            measure = record(measure_residual, 1, [sums], [solver])
+            length = record(choose_step_length, 1, [sums, count], [solver, "unsplit_history"])
+            measure = record(measure_residual, 1, [sums, "unsplit_bounds"], [solver])
             last = record(choose_shift, 1, [sums, count, closed], [shift])
-            return _Step(total, start, [advance, measure], [*precondition, length, advance, measure], [last, finish])
+            go_on = [*image_of_direction, length, advance, measure]
+            return _Step(total, start, [advance, measure], precondition, go_on, [last, finish])
 
         self._alone = step(1.0, None)
         if self._supply is not None:
@@ -214,8 +231,8 @@ class UnsplitDiffusion(Stage):
         """Do one step.
 
         Raises:
-            NotConverged: The residual is not below the tolerance after :data:`MAXIMUM_ITERATIONS`, and no factor may
-                take over.
+            NotConverged: The error is not known to be below the tolerance after :data:`MAXIMUM_ITERATIONS`, and no
+                factor may take over.
         """
         step, is_new = self._alone, not self._is_begun
         if self._supply is not None:
@@ -248,7 +265,7 @@ class UnsplitDiffusion(Stage):
         else:
             self._guess.run()
         _run(step.start)
-        if self._residual_over_limit() <= self._reach:
+        if self._error_over_limit() <= self._reach:
             self._iterate(step)
         else:
             self._iterate_repeatedly(step)
@@ -302,14 +319,18 @@ class UnsplitDiffusion(Stage):
     def _iterate(self, step: _Step) -> None:
         most = ITERATIONS_BEFORE_FACTOR if self._may_factor else MAXIMUM_ITERATIONS
         for _ in range(0, most, self._iterations_per_look):
-            if not self._residual_over_limit() > 1.0:
+            if not self._error_over_limit() > 1.0:
                 break
-            for _ in range(self._iterations_per_look):
-                self._replay(step.iteration)
+            for number in range(self._iterations_per_look):
+                self._replay(step.precondition)
+                if number == 0 and not self._error_over_limit() > 1.0:
+                    break
+                self._replay(step.advance)
         self._check()
+        self._learn()
 
     def _replay(self, commands: list[Command]) -> None:
-        """Run an iteration as a graph, captured when it is first asked for."""
+        """Run a part of an iteration as a graph, captured when it is first asked for."""
         if id(commands) not in self._graphs:
             counted = self._state.launch_count
             with wp.ScopedCapture(device=self._state.device, force_module_load=False) as capture:
@@ -324,24 +345,62 @@ class UnsplitDiffusion(Stage):
         if self.system is not None:
             self._factorise()
             return
+        self._least_eigenvalue, self._largest_eigenvalue = math.inf, 0.0
+        self._state["unsplit_bounds"].zero_()
         exchange = self._state["source_exchange"].numpy().astype(np.float64)
         self._cycle.upload_mass(self._state, np.where(self.leaf.mask, 1.0 + exchange, 0.0))
 
-    def _residual_over_limit(self) -> float:
+    def _error_over_limit(self) -> float:
         numbers = self._solver.numpy()
-        squared, limit = float(numbers[RESIDUAL_SQUARED]), float(numbers[LIMIT_SQUARED])
+        squared, limit = float(numbers[ERROR_SQUARED]), float(numbers[LIMIT_SQUARED])
         return math.sqrt(squared / limit) if limit > 0.0 else 0.0 if squared == 0.0 else math.inf
 
     def _check(self) -> None:
         count = int(self._solver.numpy()[ITERATIONS])
         self.iterations += count
         self.most_iterations = max(self.most_iterations, count)
-        short = self._residual_over_limit()
+        short = self._error_over_limit()
         if not short <= 1.0:
             raise NotConverged(
-                f"after {count} iterations the unsplit scheme's residual is {short:.3g} times what "
+                f"after {count} iterations the unsplit scheme's error may still be {short:.3g} times what "
                 f"fluid.tolerance = {self.scene.fluid.tolerance:g} accepts; {REMEDY}"
             )
+
+    def _learn(self) -> None:
+        """Bound the error by the energy, too, from what the iterations have shown of the preconditioned system."""
+        count = int(self._solver.numpy()[ITERATIONS])
+        if count < TELLING_ITERATIONS:
+            return
+        step_length, improvement = self._state["unsplit_history"].numpy()[:, : min(count, LONGEST_HISTORY)]
+        least, largest = extreme_eigenvalues(step_length, improvement)
+        if least < self._least_eigenvalue or largest > self._largest_eigenvalue:
+            least = self._least_eigenvalue = min(least, self._least_eigenvalue)
+            largest = self._largest_eigenvalue = max(largest, self._largest_eigenvalue)
+            condition = LARGEST_SAFETY * largest / (LEAST_SAFETY * least) if least > 0.0 else math.inf
+            bounds = np.zeros(BOUND_COUNT)
+            if math.isfinite(condition):
+                bounds[BOUND_ENERGY] = 1.0 / (LEAST_SAFETY * least)
+                bounds[BOUND_CONTRACTION] = ((condition - 1.0) / (condition + 1.0)) ** 2
+            self._state.upload("unsplit_bounds", bounds)
+
+
+def extreme_eigenvalues(step_length: np.ndarray, improvement: np.ndarray) -> tuple[float, float]:
+    """The extreme eigenvalues of Lanczos' tridiagonal matrix, which lie between those of the preconditioned system.
+
+    Args:
+        step_length: Of each iteration of conjugate gradients, shape [count].
+        improvement: Share of the direction before in that of each iteration, shape [count].
+
+    Returns:
+        The least and the largest; 0 and infinity where an iteration has made no step.
+    """
+    if not (step_length > 0.0).all():
+        return 0.0, math.inf
+    diagonal = 1.0 / step_length
+    diagonal[1:] += improvement[1:] / step_length[:-1]
+    beside = np.sqrt(improvement[1:]) / step_length[:-1]
+    values = np.linalg.eigvalsh(np.diag(diagonal) + np.diag(beside, 1) + np.diag(beside, -1))
+    return float(values[0]), float(values[-1])
 
 
 def _run(commands: list[Command]) -> None:
