@@ -74,6 +74,16 @@ def wide(a: Any):
 
 
 @wp.func
+def coupled_only(inverse_diagonal: Any, values: Any):
+    """Values of the cells that the system couples with others, of which the inverse diagonal is not 0; else 0."""
+    kept = type(values)()
+    none = type(values[0])(0.0)
+    for lane in range(LANES):
+        kept[lane] = wp.where(inverse_diagonal[lane] > none, values[lane], none)
+    return kept
+
+
+@wp.func
 def sum_lanes(a: Any):
     """Sum over the lanes, in float64."""
     total = wp.float64(0.0)
@@ -121,33 +131,6 @@ def start_iteration(
 
 
 @wp.kernel
-def preconditioned_product(
-    # inputs:
-    residual: wp.array2d[Lanes],
-    preconditioned: wp.array2d[Lanes],
-    span: wp.array2d[wp.int32],
-    segment_length: wp.int32,
-    # outputs:
-    row_sum_out: wp.array3d[wp.float64],
-):
-    """Scalar product of the residual and the preconditioned residual, a sum for each segment.
-
-    Args:
-        residual: Shape [ny, block].
-        preconditioned: Shape [ny, block].
-        span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
-        segment_length: Blocks of a thread.
-        row_sum_out: Shape [SUM_COUNT, segment, ny].
-    """
-    segment, row = wp.tid()
-    total = residual.dtype()
-    first = wp.max(span[row, 0], segment * segment_length)
-    for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
-        total += wp.cw_mul(residual[row, block], preconditioned[row, block])
-    row_sum_out[SUM_PRODUCT, segment, row] = sum_lanes(total)
-
-
-@wp.kernel
 def improve_direction(
     # inputs:
     row_sum: wp.array3d[wp.float64],
@@ -158,7 +141,7 @@ def improve_direction(
     """Share of the last search direction in the next, and the bound of the error (one thread).
 
     Args:
-        row_sum: From :func:`preconditioned_product`, shape [SUM_COUNT, segment, ny].
+        row_sum: Products of the residual and the preconditioned residual, shape [SUM_COUNT, segment, ny].
         bounds: Shape [BOUND_COUNT].
         solver_out: Shape [SLOT_COUNT].
     """
@@ -180,7 +163,7 @@ def improve_direction(
 def update_direction(
     # inputs:
     preconditioned: wp.array2d[Lanes],
-    coupled: wp.array2d[Lanes],
+    inverse_diagonal: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
     segment_length: wp.int32,
     solver: wp.array[wp.float64],
@@ -191,7 +174,7 @@ def update_direction(
 
     Args:
         preconditioned: The preconditioned residual, shape [ny, block].
-        coupled: 1 where the system couples a cell with others, else 0: such cells are left alone. Shape [ny, block].
+        inverse_diagonal: Of A, 0 where it couples a cell with no other: such cells are left alone. Shape [ny, block].
         span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
         segment_length: Blocks of a thread.
         solver: Shape [SLOT_COUNT].
@@ -203,7 +186,7 @@ def update_direction(
         before = direction_out[row, block]
         improvement = type(before[0])(solver[IMPROVEMENT])
         direction = preconditioned[row, block] + improvement * before
-        direction_out[row, block] = wp.cw_mul(coupled[row, block], direction)
+        direction_out[row, block] = coupled_only(inverse_diagonal[row, block], direction)
 
 
 @wp.kernel
@@ -242,7 +225,6 @@ def advance_solution(
     # inputs:
     direction: wp.array2d[Lanes],
     image: wp.array2d[Lanes],
-    coupled: wp.array2d[Lanes],
     inverse_diagonal: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
     segment_length: wp.int32,
@@ -259,15 +241,15 @@ def advance_solution(
     Args:
         direction: Shape [ny, block].
         image: ``A direction``, shape [ny, block].
-        coupled: 1 where the system couples a cell with others, else 0, shape [ny, block].
-        inverse_diagonal: Of A, 0 off the leaf, shape [ny, block].
+        inverse_diagonal: Of A, 0 where it couples a cell with no other, shape [ny, block].
         span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
         segment_length: Blocks of a thread.
         omega: Weight of the preconditioner's first sweep.
         solver: Shape [SLOT_COUNT].
         change_out: The solution, shape [ny, block].
         residual_out: Shape [ny, block].
-        swept_out: The new residual after the first sweep of the preconditioner, shape [ny, block].
+        swept_out: The new residual after the first sweep of the preconditioner, shape [ny, block]; it may be the array
+            of the image.
         row_sum_out: Squared residual and change, shape [SUM_COUNT, segment, ny].
     """
     segment, row = wp.tid()
@@ -277,12 +259,13 @@ def advance_solution(
     for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
         residual = residual_out[row, block]
         step_length = type(residual[0])(solver[STEP_LENGTH])
-        leak = type(residual[0])(solver[LEAK]) * coupled[row, block]
+        inverse = inverse_diagonal[row, block]
+        leak = coupled_only(inverse, type(residual)(type(residual[0])(solver[LEAK])))
         residual = residual - step_length * image[row, block] + leak
         change = change_out[row, block] + step_length * direction[row, block]
         residual_out[row, block] = residual
         change_out[row, block] = change
-        swept_out[row, block] = omega * wp.cw_mul(inverse_diagonal[row, block], residual)
+        swept_out[row, block] = omega * wp.cw_mul(inverse, residual)
         residual_squared += wp.cw_mul(residual, residual)
         change_sum += wide(change)
     row_sum_out[SUM_RESIDUAL_SQUARED, segment, row] = sum_lanes(residual_squared)

@@ -8,7 +8,10 @@ order"). The smoother is ``x + omega D^-1 (b - (E + L) x)`` with the diagonal ``
 being those of a Chebyshev polynomial. Sweeps before and after the correction are the same, so that the cycle is
 symmetric and positive definite, as conjugate gradients need it.
 
-Where there is no leaf, ``b``, ``E`` and the conductances are 0. All arrays are whole blocks of lanes (see
+``E`` is stored as what all cells have in common and the rest, with the blocks of each row where there is any: on the map
+itself it is 1 but for a few cells of a source.
+
+Where there is no leaf, ``b``, ``D^-1`` and the conductances are 0. All arrays are whole blocks of lanes (see
 :mod:`leafwarp_kernels.lanes`); a thread takes some blocks of a row, on a CPU all of them.
 """
 
@@ -16,6 +19,7 @@ from typing import Any
 
 import warp as wp
 
+from leafwarp_kernels.conjugate_gradients import SUM_PRODUCT, sum_lanes
 from leafwarp_kernels.lanes import LANES, Lanes
 
 wp.set_module_options({"enable_backward": False})
@@ -67,10 +71,28 @@ def flux_across(values: wp.array2d[Any], faces: wp.array2d[Any], row: wp.int32, 
 
 
 @wp.func
+def held(
+    values: Any,
+    least_mass: Any,
+    mass: wp.array2d[Any],
+    mass_span: wp.array2d[wp.int32],
+    row: wp.int32,
+    block: wp.int32,
+):
+    """``E x`` of a block, ``x`` being its values."""
+    product = least_mass * values
+    if block >= mass_span[row, 0] and block < mass_span[row, 1]:
+        product = product + wp.cw_mul(mass[row, block], values)
+    return product
+
+
+@wp.func
 def residual_at(
     right_side: wp.array2d[Any],
     solution: wp.array2d[Any],
+    least_mass: Any,
     mass: wp.array2d[Any],
+    mass_span: wp.array2d[wp.int32],
     faces_x: wp.array2d[Any],
     faces_y: wp.array2d[Any],
     row: wp.int32,
@@ -81,7 +103,7 @@ def residual_at(
     here = solution[row, block]
     east = flux_east(solution, faces_x, row, block)
     outflow = (east - from_west(east, last)) + flux_across(solution, faces_y, row, block)
-    return right_side[row, block] - wp.cw_mul(mass[row, block], here) - outflow, east[LAST]
+    return right_side[row, block] - held(here, least_mass, mass, mass_span, row, block) - outflow, east[LAST]
 
 
 @wp.kernel
@@ -116,7 +138,9 @@ def smooth(
     # inputs:
     right_side: wp.array2d[Lanes],
     solution: wp.array2d[Lanes],
+    least_mass: wp.Float,
     mass: wp.array2d[Lanes],
+    mass_span: wp.array2d[wp.int32],
     faces_x: wp.array2d[Lanes],
     faces_y: wp.array2d[Lanes],
     inverse_diagonal: wp.array2d[Lanes],
@@ -125,13 +149,16 @@ def smooth(
     omega: wp.Float,
     # outputs:
     solution_out: wp.array2d[Lanes],
+    row_sum_out: wp.array3d[wp.float64],
 ):
-    """A sweep.
+    """A sweep, and on the map itself the product that conjugate gradients ask for.
 
     Args:
         right_side: ``b``, shape [ny, block].
         solution: Before the sweep, shape [ny, block].
-        mass: The diagonal of ``E``, shape [ny, block].
+        least_mass: The diagonal of ``E`` as far as all cells have it.
+        mass: The rest of it, shape [ny, block].
+        mass_span: First block of each row with such a rest and the one after its last, shape [ny, 2].
         faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
         faces_y: The same to its upper neighbour.
         inverse_diagonal: ``D^-1``, 0 off the leaf, shape [ny, block].
@@ -139,17 +166,24 @@ def smooth(
         segment_length: Blocks of a thread.
         omega: Weight of the sweep.
         solution_out: After the sweep, shape [ny, block]; another array than ``solution``.
+        row_sum_out: Products of right side and solution, a sum for each segment, shape [SUM_COUNT, segment, ny]; None
+            where none is taken.
     """
     segment, row = wp.tid()
     first = wp.max(span[row, 0], segment * segment_length)
     end = wp.min(span[row, 1], (segment + 1) * segment_length)
-    if first >= end:
-        return
-    last = last_flux(solution, faces_x, row, first)
-    for block in range(first, end):
-        residual, last = residual_at(right_side, solution, mass, faces_x, faces_y, row, block, last)
-        change = omega * wp.cw_mul(inverse_diagonal[row, block], residual)
-        solution_out[row, block] = solution[row, block] + change
+    total = right_side.dtype()
+    if first < end:
+        last = last_flux(solution, faces_x, row, first)
+        for block in range(first, end):
+            residual, last = residual_at(
+                right_side, solution, least_mass, mass, mass_span, faces_x, faces_y, row, block, last
+            )
+            after = solution[row, block] + omega * wp.cw_mul(inverse_diagonal[row, block], residual)
+            solution_out[row, block] = after
+            total += wp.cw_mul(right_side[row, block], after)
+    if row_sum_out:
+        row_sum_out[SUM_PRODUCT, segment, row] = sum_lanes(total)
 
 
 @wp.kernel
@@ -157,7 +191,9 @@ def restrict_residual(
     # inputs:
     right_side: wp.array2d[Lanes],
     solution: wp.array2d[Lanes],
+    least_mass: wp.Float,
     mass: wp.array2d[Lanes],
+    mass_span: wp.array2d[wp.int32],
     faces_x: wp.array2d[Lanes],
     faces_y: wp.array2d[Lanes],
     coarse_span: wp.array2d[wp.int32],
@@ -170,7 +206,9 @@ def restrict_residual(
     Args:
         right_side: ``b``, shape [ny, block].
         solution: Shape [ny, block].
-        mass: The diagonal of ``E``, shape [ny, block].
+        least_mass: The diagonal of ``E`` as far as all cells have it.
+        mass: The rest of it, shape [ny, block].
+        mass_span: First block of each row with such a rest and the one after its last, shape [ny, 2].
         faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
         faces_y: The same to its upper neighbour.
         coarse_span: First block of each coarse row with a leaf cell and the one after its last, shape [coarse ny, 2].
@@ -190,9 +228,11 @@ def restrict_residual(
         for half in range(2):
             block = 2 * coarse_block + half
             if block < solution.shape[1]:
-                lower, lower_last = residual_at(right_side, solution, mass, faces_x, faces_y, row, block, lower_last)
+                lower, lower_last = residual_at(
+                    right_side, solution, least_mass, mass, mass_span, faces_x, faces_y, row, block, lower_last
+                )
                 upper, upper_last = residual_at(
-                    right_side, solution, mass, faces_x, faces_y, row + 1, block, upper_last
+                    right_side, solution, least_mass, mass, mass_span, faces_x, faces_y, row + 1, block, upper_last
                 )
                 both = lower + upper
                 for lane in range(HALF):

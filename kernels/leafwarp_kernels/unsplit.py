@@ -36,12 +36,13 @@ from leafwarp_kernels.conjugate_gradients import (
     SUM_RESIDUAL_SQUARED,
     SUM_RIGHT_SIDE_SQUARED,
     SumLanes,
+    coupled_only,
     sum_lanes,
     sum_rows,
     wide,
 )
 from leafwarp_kernels.lanes import Lanes
-from leafwarp_kernels.multigrid import LAST, flux_across, flux_east, from_west, last_flux
+from leafwarp_kernels.multigrid import LAST, flux_across, flux_east, from_west, held, last_flux
 
 wp.set_module_options({"enable_backward": False})
 
@@ -56,7 +57,7 @@ def guess_change(
     before: wp.array2d[Lanes],
     rounding: wp.array2d[Lanes],
     increment: wp.array2d[Lanes],
-    coupled: wp.array2d[Lanes],
+    inverse_diagonal: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
     segment_length: wp.int32,
     # outputs:
@@ -69,7 +70,7 @@ def guess_change(
         before: Contents after the last step, shape [ny, block].
         rounding: What was cut off from them, shape [ny, block].
         increment: Increment of the last steps, shape [ny, block].
-        coupled: 1 where a cell exchanges water with another, else 0, shape [ny, block].
+        inverse_diagonal: Of A, 0 where a cell exchanges water with no other, shape [ny, block].
         span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
         segment_length: Blocks of a thread.
         change_out: ``d``, shape [ny, block].
@@ -79,7 +80,7 @@ def guess_change(
     for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
         passed = before[row, block] - water[row, block]
         change = passed + (rounding[row, block] + increment[row, block])
-        change_out[row, block] = wp.cw_mul(coupled[row, block], change)
+        change_out[row, block] = coupled_only(inverse_diagonal[row, block], change)
 
 
 @wp.kernel
@@ -87,9 +88,10 @@ def start_residual(
     # inputs:
     water: wp.array2d[Lanes],
     change: wp.array2d[Lanes],
-    coupled: wp.array2d[Lanes],
     shift: wp.array[wp.float64],
+    least_mass: wp.Float,
     mass: wp.array2d[Lanes],
+    mass_span: wp.array2d[wp.int32],
     faces_x: wp.array2d[Lanes],
     faces_y: wp.array2d[Lanes],
     inverse_diagonal: wp.array2d[Lanes],
@@ -106,12 +108,13 @@ def start_residual(
     Args:
         water: Contents before the step, ``f``, shape [ny, block].
         change: ``d``, shape [ny, block].
-        coupled: 1 where a cell exchanges water with another, else 0, shape [ny, block].
         shift: What the change of coupled cells will be given at the end of the step, and more, shape [2].
-        mass: The diagonal of ``E``, shape [ny, block].
+        least_mass: The diagonal of ``E`` as far as all cells have it.
+        mass: The rest of it, shape [ny, block].
+        mass_span: First block of each row with such a rest and the one after its last, shape [ny, 2].
         faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
         faces_y: The same to its upper neighbour.
-        inverse_diagonal: Of A, 0 off the leaf, shape [ny, block].
+        inverse_diagonal: Of A, 0 where a cell exchanges water with no other, shape [ny, block].
         span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
         segment_length: Blocks of a thread.
         omega: Weight of the preconditioner's first sweep.
@@ -135,10 +138,12 @@ def start_residual(
             last = east[LAST]
             content = water[row, block]
             here = change[row, block]
-            shifted = here + type(here[0])(shift[0]) * coupled[row, block]
-            residual = residual_out[row, block] - wp.cw_mul(mass[row, block], shifted) - outflow
+            inverse = inverse_diagonal[row, block]
+            shifted = here + coupled_only(inverse, type(here)(type(here[0])(shift[0])))
+            kept = held(shifted, least_mass, mass, mass_span, row, block)
+            residual = residual_out[row, block] - kept - outflow
             residual_out[row, block] = residual
-            swept_out[row, block] = omega * wp.cw_mul(inverse_diagonal[row, block], residual)
+            swept_out[row, block] = omega * wp.cw_mul(inverse, residual)
             residual_squared += wp.cw_mul(residual, residual)
             content_squared += wp.cw_mul(content, content)
             change_sum += wide(here)
@@ -153,7 +158,9 @@ def start_residual(
 def apply_system(
     # inputs:
     direction: wp.array2d[Lanes],
+    least_mass: wp.Float,
     mass: wp.array2d[Lanes],
+    mass_span: wp.array2d[wp.int32],
     faces_x: wp.array2d[Lanes],
     faces_y: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
@@ -166,7 +173,9 @@ def apply_system(
 
     Args:
         direction: Shape [ny, block].
-        mass: The diagonal of ``E``, shape [ny, block].
+        least_mass: The diagonal of ``E`` as far as all cells have it.
+        mass: The rest of it, shape [ny, block].
+        mass_span: First block of each row with such a rest and the one after its last, shape [ny, 2].
         faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
         faces_y: The same to its upper neighbour.
         span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
@@ -186,7 +195,7 @@ def apply_system(
             east = flux_east(direction, faces_x, row, block)
             outflow = (east - from_west(east, last)) + flux_across(direction, faces_y, row, block)
             last = east[LAST]
-            image = wp.cw_mul(mass[row, block], here) + outflow
+            image = held(here, least_mass, mass, mass_span, row, block) + outflow
             outflow_sum += wide(outflow)
             image_out[row, block] = image
             total += wp.cw_mul(here, image)
@@ -247,7 +256,7 @@ def choose_shift(
 def finish_step(
     # inputs:
     change: wp.array2d[Lanes],
-    coupled: wp.array2d[Lanes],
+    inverse_diagonal: wp.array2d[Lanes],
     shift: wp.array[wp.float64],
     span: wp.array2d[wp.int32],
     segment_length: wp.int32,
@@ -264,7 +273,7 @@ def finish_step(
 
     Args:
         change: ``d``, shape [ny, block].
-        coupled: 1 where a cell exchanges water with another, else 0, shape [ny, block].
+        inverse_diagonal: Of A, 0 where a cell exchanges water with no other, shape [ny, block].
         shift: Added to the change of coupled cells, and what of it the residual does not allow for, shape [2].
         span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
         segment_length: Blocks of a thread.
@@ -281,9 +290,10 @@ def finish_step(
     first = wp.max(span[row, 0], segment * segment_length)
     for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
         old = water_out[row, block]
-        shifted = type(old[0])(shift[0]) * coupled[row, block]
-        unforeseen = type(old[0])(shift[1]) * coupled[row, block]
-        leak = type(old[0])(solver[LEAK]) * coupled[row, block]
+        inverse = inverse_diagonal[row, block]
+        shifted = coupled_only(inverse, type(old)(type(old[0])(shift[0])))
+        unforeseen = coupled_only(inverse, type(old)(type(old[0])(shift[1])))
+        leak = coupled_only(inverse, type(old)(type(old[0])(solver[LEAK])))
         change_here = change[row, block] + shifted
         new = old + change_here
         passed = before_out[row, block] - old

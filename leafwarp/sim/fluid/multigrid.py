@@ -27,8 +27,11 @@ def sweep_weights(count: int) -> list[float]:
 
 
 def block_columns(mask: np.ndarray) -> np.ndarray:
-    """First block of lanes of each row with a marked cell and the one after its last, shape [ny, 2], int32."""
-    span = line_spans(mask)
+    """First block of lanes of each row with a marked cell and the one after its last, int32.
+
+    Rows are taken in pairs by the coarser level; there is one for each, shape [even ny, 2].
+    """
+    span = line_spans(np.pad(mask, ((0, len(mask) % 2), (0, 0))))
     return np.stack([span[:, 0] // LANES, -(-span[:, 1] // LANES)], axis=1).astype(np.int32)
 
 
@@ -46,10 +49,17 @@ class System:
     faces_y: np.ndarray
 
     @property
+    def exchange(self) -> np.ndarray:
+        """What each cell exchanges with all others in a step, shape [ny, nx]."""
+        exchange = self.faces_x + self.faces_y
+        exchange[:, 1:] += self.faces_x[:, :-1]
+        exchange[1:] += self.faces_y[:-1]
+        return exchange
+
+    @property
     def inverse_diagonal(self) -> np.ndarray:
-        diagonal = self.mass + self.faces_x + self.faces_y
-        diagonal[:, 1:] += self.faces_x[:, :-1]
-        diagonal[1:] += self.faces_y[:-1]
+        """One over the diagonal, 0 where that is 0, shape [ny, nx]."""
+        diagonal = self.mass + self.exchange
         return np.divide(1.0, diagonal, out=np.zeros_like(diagonal), where=diagonal > 0.0)
 
     def coarser(self) -> System:
@@ -74,17 +84,22 @@ class Multigrid:
         right_side: Name of the array that the cycle is applied to.
         begun: Name of the array that holds the first sweep of the map's own smoother.
         solution: Name of the array to write.
+        row_sum: Name of the array of the product of right side and solution.
+        has_source: Some cells have more than 1 on the diagonal of E.
 
     Attributes:
         arrays: The arrays that the stage has to declare.
     """
 
-    def __init__(self, shape: tuple[int, int], right_side: str, begun: str, solution: str):
+    def __init__(
+        self, shape: tuple[int, int], right_side: str, begun: str, solution: str, row_sum: str, has_source: bool
+    ):
         self._shapes = [shape]
         while max(self._shapes[-1]) > 1:
             rows, columns = self._shapes[-1]
             self._shapes.append((-(-rows // 2), -(-columns // 2)))
-        self._right_side, self._begun, self._solution = right_side, begun, solution
+        self._right_side, self._begun, self._solution, self._row_sum = right_side, begun, solution, row_sum
+        self._has_source = has_source
         self.arrays = tuple(spec for level in range(len(self._shapes)) for spec in self._declare(level))
 
     @property
@@ -95,50 +110,68 @@ class Multigrid:
     def _declare(self, level: int) -> list[ArraySpec]:
         shape = self._shapes[level]
         kinds = {
-            "mass": "diagonal without the exchange of the cells",
             "faces_x": "exchange of each cell with its right neighbour in a step",
             "faces_y": "exchange of each cell with its upper neighbour in a step",
             "inverse_diagonal": "one over the diagonal",
         }
         if level > 0:
             kinds |= {
+                "mass": "diagonal without the exchange of the cells",
                 "right_side": "residual of the finer level",
                 "solution": "correction of the finer level",
                 "other": "the same, before or after a sweep",
             }
+        elif self._has_source:
+            kinds["mass"] = "what a source adds to the diagonal"
         where = f"level {level} of the multigrid"
-        return [
-            *(ArraySpec(f"level_{level}_{n}", shape, "real", f"{m}, {where}", padded=True) for n, m in kinds.items()),
-            ArraySpec(f"level_{level}_span", (shape[0], 2), "int32", f"blocks of cells of each row, {where}"),
-        ]
+        specs = [ArraySpec(f"level_{level}_{n}", shape, "real", f"{m}, {where}", padded=True) for n, m in kinds.items()]
+        spans = (shape[0] + shape[0] % 2, 2)
+        specs.append(ArraySpec(f"level_{level}_span", spans, "int32", f"blocks of cells of each row, {where}"))
+        if level == 0:
+            specs.append(ArraySpec("level_0_mass_span", spans, "int32", "the same of a source's cells"))
+        return specs
 
-    def upload_faces(self, state: State, mask: np.ndarray, faces_x: np.ndarray, faces_y: np.ndarray) -> None:
+    def upload_faces(self, state: State, system: System) -> None:
         """Fill conductances and spans.
 
         Args:
             state: Holds the arrays.
-            mask: Leaf cells, shape [ny, nx], bool.
-            faces_x: Conductance of each cell to its right neighbour times the step, shape [ny, nx].
-            faces_y: The same to its upper neighbour.
+            system: Of the map, without a source.
         """
-        self._faces = (faces_x, faces_y)
-        cells = mask.astype(np.float64)
+        self._system = system
         for level in range(len(self._shapes)):
-            state.upload(f"level_{level}_span", block_columns(cells > 0.0))
-            cells = add_pairs(add_pairs(cells, 0), 1)
+            state.upload(f"level_{level}_span", block_columns(system.mass > 0.0))
+            state.upload(f"level_{level}_faces_x", system.faces_x)
+            state.upload(f"level_{level}_faces_y", system.faces_y)
+            system = system.coarser()
 
-    def upload_mass(self, state: State, mass: np.ndarray) -> None:
+    def upload_mass(self, state: State, source: np.ndarray | None = None) -> None:
         """Fill what depends on the diagonal of E.
 
         Args:
             state: Holds the arrays.
-            mass: Shape [ny, nx]; 0 off the leaf.
+            source: What a source adds to it, shape [ny, nx]; None: nothing.
         """
-        system = System(mass, *self._faces)
-        for level in range(len(self._shapes)):
-            for name in ("mass", "faces_x", "faces_y", "inverse_diagonal"):
-                state.upload(f"level_{level}_{name}", getattr(system, name))
+        system = self._system
+        # On the map itself, cells that exchange nothing are left alone.
+        is_coupled = system.exchange > 0.0
+        if source is not None:
+            state.upload("level_0_mass", source)
+            state.upload("level_0_mass_span", block_columns(source > 0.0))
+            system = System(system.mass + source, system.faces_x, system.faces_y)
+        state.upload("level_0_inverse_diagonal", np.where(is_coupled, system.inverse_diagonal, 0.0))
+        for level in range(1, len(self._shapes)):
             system = system.coarser()
+            state.upload(f"level_{level}_mass", system.mass)
+            state.upload(f"level_{level}_inverse_diagonal", system.inverse_diagonal)
+
+    def system(self, state: State, level: int = 0) -> list:
+        """The arguments of kernels that describe ``E + L`` of a level."""
+        prefix = f"level_{level}_"
+        faces = [state.lanes(prefix + "faces_x"), state.lanes(prefix + "faces_y")]
+        if level > 0:
+            return [0.0, state.lanes(prefix + "mass"), prefix + "span", *faces]
+        return [1.0, state.lanes("level_0_mass") if self._has_source else None, "level_0_mass_span", *faces]
 
     def record(self, state: State) -> list[Command]:
         """Record a cycle."""
@@ -147,7 +180,6 @@ class Multigrid:
     def _cycle(self, state: State, level: int) -> list[Command]:
         shape = self._shapes[level]
         prefix = f"level_{level}_"
-        lanes = {name: state.lanes(prefix + name) for name in ("mass", "faces_x", "faces_y", "inverse_diagonal")}
         if level == 0:
             right_side, now, other = (state.lanes(n) for n in (self._right_side, self._begun, self._solution))
         else:
@@ -159,17 +191,18 @@ class Multigrid:
         coarsest = level == len(self._shapes) - 1
         if coarsest:
             omegas = omegas if level == 0 else [1.0]
-        system = [lanes[name] for name in ("mass", "faces_x", "faces_y", "inverse_diagonal")]
+        system, inverse_diagonal = self.system(state, level), state.lanes(prefix + "inverse_diagonal")
 
-        def sweep(omega: float) -> Command:
+        def sweep(omega: float, row_sum: str | None = None) -> Command:
             nonlocal now, other
-            command = state.record(smooth, dim, [right_side, now, *system, span, length, omega], [other])
+            inputs = [right_side, now, *system, inverse_diagonal, span, length, omega]
+            command = state.record(smooth, dim, inputs, [other, row_sum])
             now, other = other, now
             return command
 
         commands = []
         if level > 0:
-            inputs = [right_side, lanes["inverse_diagonal"], span, length, omegas[0]]
+            inputs = [right_side, inverse_diagonal, span, length, omegas[0]]
             commands.append(state.record(begin_smoothing, dim, inputs, [now]))
         commands += [sweep(omega) for omega in omegas[1:]]
         if not coarsest:
@@ -180,14 +213,15 @@ class Multigrid:
                 state.record(
                     restrict_residual,
                     (coarse_segments, self._shapes[level + 1][0]),
-                    [right_side, now, *system[:3], coarse + "span", coarse_length],
+                    [right_side, now, *system, coarse + "span", coarse_length],
                     [coarse_right_side],
                 )
             )
             commands += self._cycle(state, level + 1)
             commands.append(state.record(correct, dim, [self._found, span, length, OVERCORRECTION], [now]))
         if not coarsest or level == 0:
-            commands += [sweep(omega) for omega in reversed(omegas)]
+            commands += [sweep(omega) for omega in omegas[:0:-1]]
+            commands.append(sweep(omegas[0], self._row_sum if level == 0 else None))
         self._found = now
         return commands
 

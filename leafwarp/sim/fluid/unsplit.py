@@ -16,7 +16,7 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.fluid.conductance import leaf_conductance
 from leafwarp.sim.fluid.lines import diffusion_supply
-from leafwarp.sim.fluid.multigrid import Multigrid, thread_blocks
+from leafwarp.sim.fluid.multigrid import Multigrid, System, thread_blocks
 from leafwarp.sim.fluid.steps import FluidSteps, NotConverged
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.stage import Interval, Stage
@@ -34,7 +34,6 @@ from leafwarp_kernels.conjugate_gradients import (
     choose_step_length,
     improve_direction,
     measure_residual,
-    preconditioned_product,
     start_iteration,
     update_direction,
 )
@@ -108,18 +107,18 @@ class UnsplitDiffusion(Stage):
         self.system: ExchangeSystem | None = None
         is_open = "solver" not in scene.fluid.model_fields_set
         self._may_factor = is_open and np.count_nonzero(leaf.mask) <= MOST_CELLS_OF_FACTOR
-        self._cycle = Multigrid(shape, "unsplit_residual", "unsplit_swept", "unsplit_preconditioned")
+        self._supply = diffusion_supply(scene, leaf, directions="x")
+        names = (f"unsplit_{name}" for name in ("residual", "swept", "preconditioned", "sum"))
+        self._cycle = Multigrid(shape, *names, has_source=self._supply is not None)
         maps = {
             "before": "contents after the last step",
             "rounding": "what was cut off from them",
             "increment": "increment of the last step",
-            "coupled": "1 where a cell exchanges water with another",
             "change": "change of the contents by the step",
             "residual": "residual of the step's system",
-            "swept": "the same after the first sweep of the preconditioner",
+            "swept": "the same after the first sweep of the preconditioner; the system's image of the direction",
             "preconditioned": "preconditioned residual",
             "direction": "search direction",
-            "image": "the system's image of it",
         }
         self.arrays = (
             *(ArraySpec(f"unsplit_{name}", shape, "real", meaning, padded=True) for name, meaning in maps.items()),
@@ -129,7 +128,6 @@ class UnsplitDiffusion(Stage):
             ArraySpec("unsplit_bounds", (BOUND_COUNT,), "float64", "what bounds the error by the energy; 0: not known"),
             ArraySpec("unsplit_shift", (2,), "float64", "error of the mean content, and its change by the iterations"),
         )
-        self._supply = diffusion_supply(scene, leaf, directions="x")
         if self._supply is not None:
             self.purpose += ", fed at the petiole base"
             self.host_reads = ("source_exchange",)
@@ -144,19 +142,15 @@ class UnsplitDiffusion(Stage):
         time_step = FluidSteps.of(self.scene).length
         mask = self.leaf.mask
         conductance = leaf_conductance(self.scene, self.leaf, time_step)
-        faces = (conductance.x * time_step, conductance.y * time_step)
-        self._cycle.upload_faces(state, mask, *faces)
-        self._cycle.upload_mass(state, mask.astype(np.float64))
-        coupled = faces[0] + faces[1] > 0.0
-        coupled[:, 1:] |= faces[0][:, :-1] > 0.0
-        coupled[1:] |= faces[1][:-1] > 0.0
-        state.upload("unsplit_coupled", coupled)
+        system = System(mask.astype(np.float64), conductance.x * time_step, conductance.y * time_step)
+        self._cycle.upload_faces(state, system)
+        self._cycle.upload_mass(state)
         length, segments = thread_blocks(state.lanes("water").shape[1], state)
         self._dim = (segments, mask.shape[0])
         self._threads = ["level_0_span", length]
         spec = ArraySpec("unsplit_sum", (SUM_COUNT, *self._dim), "float64", "sums of each segment of the rows")
         self.add_array(state, spec)
-        self._record_step(state, float(coupled.sum()))
+        self._record_step(state, float(np.count_nonzero(system.exchange)))
         self.commands = [self._guess, *(command for part in self._alone for command in part)]
         self._solver = state["unsplit_solver"]
         self._iterations_per_look = ITERATIONS_PER_LOOK if state.device.is_cuda else 1
@@ -168,41 +162,39 @@ class UnsplitDiffusion(Stage):
     def _record_step(self, state: State, coupled_count: float) -> None:
         dim, threads, record, lanes = self._dim, self._threads, state.record, state.lanes
         omega = self._cycle.first_weight
-        system = [lanes(f"level_0_{name}") for name in ("mass", "faces_x", "faces_y")]
-        inverse_diagonal = lanes("level_0_inverse_diagonal")
-        names = "before rounding increment coupled change residual swept preconditioned direction image"
-        (before, rounding, increment, coupled, change, residual, swept, preconditioned, direction, image) = (
+        system, inverse_diagonal = self._cycle.system(state), lanes("level_0_inverse_diagonal")
+        names = "before rounding increment change residual swept preconditioned direction"
+        before, rounding, increment, change, residual, swept, preconditioned, direction = (
             lanes(f"unsplit_{name}") for name in names.split()
         )
         water, sums, solver, shift = lanes("water"), "unsplit_sum", "unsplit_solver", "unsplit_shift"
         kept = [before, rounding, increment]
-        self._guess = record(guess_change, dim, [water, *kept, coupled, *threads], [change])
+        self._guess = record(guess_change, dim, [water, *kept, inverse_diagonal, *threads], [change])
         residual_at_start = record(
             start_residual,
             dim,
-            [water, change, coupled, shift, *system, inverse_diagonal, *threads, omega],
+            [water, change, shift, *system, inverse_diagonal, *threads, omega],
             [residual, swept, sums],
         )
         precondition = [
             *self._cycle.record(state),
-            record(preconditioned_product, dim, [residual, preconditioned, *threads], [sums]),
             record(improve_direction, 1, [sums, "unsplit_bounds"], [solver]),
         ]
         image_of_direction = [
-            record(update_direction, dim, [preconditioned, coupled, *threads, solver], [direction]),
-            record(apply_system, dim, [direction, *system, *threads], [image, sums]),
+            record(update_direction, dim, [preconditioned, inverse_diagonal, *threads, solver], [direction]),
+            record(apply_system, dim, [direction, *system, *threads], [swept, sums]),
         ]
         advance = record(
             advance_solution,
             dim,
-            [direction, image, coupled, inverse_diagonal, *threads, omega, solver],
+            [direction, swept, inverse_diagonal, *threads, omega, solver],
             [change, residual, swept, sums],
         )
         count, tolerance = max(coupled_count, 1.0), self.scene.residual_tolerance
 
         def step(closed: float, added: str | None) -> _Step:
             written = [water, *kept, residual, added]
-            finish = record(finish_step, dim, [change, coupled, shift, *threads, solver], written)
+            finish = record(finish_step, dim, [change, inverse_diagonal, shift, *threads, solver], written)
             total = [record(sum_change, dim, [change, *threads], [sums])] if closed else []
             start = [
                 *total,
@@ -348,7 +340,7 @@ class UnsplitDiffusion(Stage):
         self._least_eigenvalue, self._largest_eigenvalue = math.inf, 0.0
         self._state["unsplit_bounds"].zero_()
         exchange = self._state["source_exchange"].numpy().astype(np.float64)
-        self._cycle.upload_mass(self._state, np.where(self.leaf.mask, 1.0 + exchange, 0.0))
+        self._cycle.upload_mass(self._state, exchange)
 
     def _error_over_limit(self) -> float:
         numbers = self._solver.numpy()
