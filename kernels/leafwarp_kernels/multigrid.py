@@ -8,11 +8,13 @@ order"). The smoother is ``x + omega D^-1 (b - (E + L) x)`` with the diagonal ``
 being those of a Chebyshev polynomial. Sweeps before and after the correction are the same, so that the cycle is
 symmetric and positive definite, as conjugate gradients need it.
 
-``E`` is stored as what all cells have in common and the rest, with the blocks of each row where there is any: on the map
-itself it is 1 but for a few cells of a source.
+``E`` is stored as what all cells have in common and the rest, with the blocks of each row where there is any: on the
+map itself it is 1 but for a few cells of a source.
 
 Where there is no leaf, ``b``, ``D^-1`` and the conductances are 0. All arrays are whole blocks of lanes (see
-:mod:`leafwarp_kernels.lanes`); a thread takes some blocks of a row, on a CPU all of them.
+:mod:`leafwarp_kernels.lanes`); a thread takes some blocks of a row, on a CPU all of them. The neighbours to the right
+and left come as further views of the same arrays, displaced by a cell: to move the lanes of a block costs more than to
+read it again. What such a view shows beyond the end of a row is multiplied by a conductance of 0.
 """
 
 from typing import Any
@@ -25,49 +27,28 @@ from leafwarp_kernels.lanes import LANES, Lanes
 wp.set_module_options({"enable_backward": False})
 
 HALF = LANES // 2
-LAST = LANES - 1
 
 
 @wp.func
-def flux_east(values: wp.array2d[Any], faces: wp.array2d[Any], row: wp.int32, block: wp.int32):
-    """What each cell of a block gives to its right neighbour."""
-    here = values[row, block]
-    beyond = values[row, wp.min(block + 1, values.shape[1] - 1)]
-    east = type(here)()
-    for lane in range(LAST):
-        east[lane] = here[lane + 1]
-    east[LAST] = beyond[0]
-    return wp.cw_mul(faces[row, block], here - east)
-
-
-@wp.func
-def last_flux(values: wp.array2d[Any], faces: wp.array2d[Any], row: wp.int32, block: wp.int32):
-    """What the cell before a block gives to the block's first cell."""
-    none = faces.dtype()
-    flux = none[0]
-    if block > 0:
-        flux = faces[row, block - 1][LAST] * (values[row, block - 1][LAST] - values[row, block][0])
-    return flux
-
-
-@wp.func
-def from_west(east: Any, last: Any):
-    """What each cell of a block gets from its left neighbour, from :func:`flux_east` and :func:`last_flux`."""
-    west = type(east)()
-    west[0] = last
-    for lane in range(LAST):
-        west[lane + 1] = east[lane]
-    return west
-
-
-@wp.func
-def flux_across(values: wp.array2d[Any], faces: wp.array2d[Any], row: wp.int32, block: wp.int32):
-    """What each cell of a block gives to its upper and lower neighbours."""
+def outflow_at(
+    values: wp.array2d[Any],
+    east: wp.array2d[Any],
+    west: wp.array2d[Any],
+    faces_x: wp.array2d[Any],
+    faces_west: wp.array2d[Any],
+    faces_y: wp.array2d[Any],
+    row: wp.int32,
+    block: wp.int32,
+):
+    """``L x`` of a block: what each cell gives to its neighbours."""
     here = values[row, block]
     above = wp.min(row + 1, values.shape[0] - 1)
     below = wp.max(row - 1, 0)
-    up = wp.cw_mul(faces[row, block], here - values[above, block])
-    return up + wp.cw_mul(faces[below, block], here - values[below, block])
+    to_east = wp.cw_mul(faces_x[row, block], here - east[row, block])
+    from_west = wp.cw_mul(faces_west[row, block], west[row, block] - here)
+    across = wp.cw_mul(faces_y[row, block], here - values[above, block])
+    across = across + wp.cw_mul(faces_y[below, block], here - values[below, block])
+    return (to_east - from_west) + across
 
 
 @wp.func
@@ -90,20 +71,21 @@ def held(
 def residual_at(
     right_side: wp.array2d[Any],
     solution: wp.array2d[Any],
+    east: wp.array2d[Any],
+    west: wp.array2d[Any],
     least_mass: Any,
     mass: wp.array2d[Any],
     mass_span: wp.array2d[wp.int32],
     faces_x: wp.array2d[Any],
+    faces_west: wp.array2d[Any],
     faces_y: wp.array2d[Any],
     row: wp.int32,
     block: wp.int32,
-    last: Any,
 ):
-    """``b - (E + L) x`` of a block, and what its last cell gives to its right neighbour."""
-    here = solution[row, block]
-    east = flux_east(solution, faces_x, row, block)
-    outflow = (east - from_west(east, last)) + flux_across(solution, faces_y, row, block)
-    return right_side[row, block] - held(here, least_mass, mass, mass_span, row, block) - outflow, east[LAST]
+    """``b - (E + L) x`` of a block."""
+    outflow = outflow_at(solution, east, west, faces_x, faces_west, faces_y, row, block)
+    kept = held(solution[row, block], least_mass, mass, mass_span, row, block)
+    return right_side[row, block] - kept - outflow
 
 
 @wp.kernel
@@ -138,10 +120,13 @@ def smooth(
     # inputs:
     right_side: wp.array2d[Lanes],
     solution: wp.array2d[Lanes],
+    east: wp.array2d[Lanes],
+    west: wp.array2d[Lanes],
     least_mass: wp.Float,
     mass: wp.array2d[Lanes],
     mass_span: wp.array2d[wp.int32],
     faces_x: wp.array2d[Lanes],
+    faces_west: wp.array2d[Lanes],
     faces_y: wp.array2d[Lanes],
     inverse_diagonal: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
@@ -156,10 +141,13 @@ def smooth(
     Args:
         right_side: ``b``, shape [ny, block].
         solution: Before the sweep, shape [ny, block].
+        east: The same of the cells' right neighbours.
+        west: The same of their left ones.
         least_mass: The diagonal of ``E`` as far as all cells have it.
         mass: The rest of it, shape [ny, block].
         mass_span: First block of each row with such a rest and the one after its last, shape [ny, 2].
         faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
+        faces_west: The same to its left neighbour.
         faces_y: The same to its upper neighbour.
         inverse_diagonal: ``D^-1``, 0 off the leaf, shape [ny, block].
         span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
@@ -173,15 +161,13 @@ def smooth(
     first = wp.max(span[row, 0], segment * segment_length)
     end = wp.min(span[row, 1], (segment + 1) * segment_length)
     total = right_side.dtype()
-    if first < end:
-        last = last_flux(solution, faces_x, row, first)
-        for block in range(first, end):
-            residual, last = residual_at(
-                right_side, solution, least_mass, mass, mass_span, faces_x, faces_y, row, block, last
-            )
-            after = solution[row, block] + omega * wp.cw_mul(inverse_diagonal[row, block], residual)
-            solution_out[row, block] = after
-            total += wp.cw_mul(right_side[row, block], after)
+    for block in range(first, end):
+        residual = residual_at(
+            right_side, solution, east, west, least_mass, mass, mass_span, faces_x, faces_west, faces_y, row, block
+        )
+        after = solution[row, block] + omega * wp.cw_mul(inverse_diagonal[row, block], residual)
+        solution_out[row, block] = after
+        total += wp.cw_mul(right_side[row, block], after)
     if row_sum_out:
         row_sum_out[SUM_PRODUCT, segment, row] = sum_lanes(total)
 
@@ -191,10 +177,13 @@ def restrict_residual(
     # inputs:
     right_side: wp.array2d[Lanes],
     solution: wp.array2d[Lanes],
+    east: wp.array2d[Lanes],
+    west: wp.array2d[Lanes],
     least_mass: wp.Float,
     mass: wp.array2d[Lanes],
     mass_span: wp.array2d[wp.int32],
     faces_x: wp.array2d[Lanes],
+    faces_west: wp.array2d[Lanes],
     faces_y: wp.array2d[Lanes],
     coarse_span: wp.array2d[wp.int32],
     segment_length: wp.int32,
@@ -206,10 +195,13 @@ def restrict_residual(
     Args:
         right_side: ``b``, shape [ny, block].
         solution: Shape [ny, block].
+        east: The same of the cells' right neighbours.
+        west: The same of their left ones.
         least_mass: The diagonal of ``E`` as far as all cells have it.
         mass: The rest of it, shape [ny, block].
         mass_span: First block of each row with such a rest and the one after its last, shape [ny, 2].
         faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
+        faces_west: The same to its left neighbour.
         faces_y: The same to its upper neighbour.
         coarse_span: First block of each coarse row with a leaf cell and the one after its last, shape [coarse ny, 2].
         segment_length: Coarse blocks of a thread.
@@ -217,24 +209,40 @@ def restrict_residual(
     """
     segment, coarse_row = wp.tid()
     first = wp.max(coarse_span[coarse_row, 0], segment * segment_length)
-    end = wp.min(coarse_span[coarse_row, 1], (segment + 1) * segment_length)
-    if first >= end:
-        return
     row = 2 * coarse_row
-    lower_last = last_flux(solution, faces_x, row, 2 * first)
-    upper_last = last_flux(solution, faces_x, row + 1, 2 * first)
-    for coarse_block in range(first, end):
+    for coarse_block in range(first, wp.min(coarse_span[coarse_row, 1], (segment + 1) * segment_length)):
         coarse = coarse_right_side_out.dtype()
         for half in range(2):
             block = 2 * coarse_block + half
             if block < solution.shape[1]:
-                lower, lower_last = residual_at(
-                    right_side, solution, least_mass, mass, mass_span, faces_x, faces_y, row, block, lower_last
+                both = residual_at(
+                    right_side,
+                    solution,
+                    east,
+                    west,
+                    least_mass,
+                    mass,
+                    mass_span,
+                    faces_x,
+                    faces_west,
+                    faces_y,
+                    row,
+                    block,
                 )
-                upper, upper_last = residual_at(
-                    right_side, solution, least_mass, mass, mass_span, faces_x, faces_y, row + 1, block, upper_last
+                both = both + residual_at(
+                    right_side,
+                    solution,
+                    east,
+                    west,
+                    least_mass,
+                    mass,
+                    mass_span,
+                    faces_x,
+                    faces_west,
+                    faces_y,
+                    row + 1,
+                    block,
                 )
-                both = lower + upper
                 for lane in range(HALF):
                     coarse[half * HALF + lane] = both[2 * lane] + both[2 * lane + 1]
         coarse_right_side_out[coarse_row, coarse_block] = coarse

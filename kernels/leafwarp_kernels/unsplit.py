@@ -42,7 +42,7 @@ from leafwarp_kernels.conjugate_gradients import (
     wide,
 )
 from leafwarp_kernels.lanes import Lanes
-from leafwarp_kernels.multigrid import LAST, flux_across, flux_east, from_west, held, last_flux
+from leafwarp_kernels.multigrid import held, outflow_at
 
 wp.set_module_options({"enable_backward": False})
 
@@ -87,12 +87,17 @@ def guess_change(
 def start_residual(
     # inputs:
     water: wp.array2d[Lanes],
+    water_east: wp.array2d[Lanes],
+    water_west: wp.array2d[Lanes],
     change: wp.array2d[Lanes],
+    change_east: wp.array2d[Lanes],
+    change_west: wp.array2d[Lanes],
     shift: wp.array[wp.float64],
     least_mass: wp.Float,
     mass: wp.array2d[Lanes],
     mass_span: wp.array2d[wp.int32],
     faces_x: wp.array2d[Lanes],
+    faces_west: wp.array2d[Lanes],
     faces_y: wp.array2d[Lanes],
     inverse_diagonal: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
@@ -107,12 +112,17 @@ def start_residual(
 
     Args:
         water: Contents before the step, ``f``, shape [ny, block].
+        water_east: The same of the cells' right neighbours.
+        water_west: The same of their left ones.
         change: ``d``, shape [ny, block].
+        change_east: The same of the cells' right neighbours.
+        change_west: The same of their left ones.
         shift: What the change of coupled cells will be given at the end of the step, and more, shape [2].
         least_mass: The diagonal of ``E`` as far as all cells have it.
         mass: The rest of it, shape [ny, block].
         mass_span: First block of each row with such a rest and the one after its last, shape [ny, 2].
         faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
+        faces_west: The same to its left neighbour.
         faces_y: The same to its upper neighbour.
         inverse_diagonal: Of A, 0 where a cell exchanges water with no other, shape [ny, block].
         span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
@@ -129,25 +139,21 @@ def start_residual(
     content_squared = water.dtype()
     change_sum = SumLanes()
     outflow_sum = SumLanes()
-    if first < end:
-        last = last_flux(water, faces_x, row, first) + last_flux(change, faces_x, row, first)
-        for block in range(first, end):
-            east = flux_east(water, faces_x, row, block) + flux_east(change, faces_x, row, block)
-            across = flux_across(water, faces_y, row, block) + flux_across(change, faces_y, row, block)
-            outflow = (east - from_west(east, last)) + across
-            last = east[LAST]
-            content = water[row, block]
-            here = change[row, block]
-            inverse = inverse_diagonal[row, block]
-            shifted = here + coupled_only(inverse, type(here)(type(here[0])(shift[0])))
-            kept = held(shifted, least_mass, mass, mass_span, row, block)
-            residual = residual_out[row, block] - kept - outflow
-            residual_out[row, block] = residual
-            swept_out[row, block] = omega * wp.cw_mul(inverse, residual)
-            residual_squared += wp.cw_mul(residual, residual)
-            content_squared += wp.cw_mul(content, content)
-            change_sum += wide(here)
-            outflow_sum += wide(outflow)
+    for block in range(first, end):
+        outflow = outflow_at(water, water_east, water_west, faces_x, faces_west, faces_y, row, block)
+        outflow += outflow_at(change, change_east, change_west, faces_x, faces_west, faces_y, row, block)
+        content = water[row, block]
+        here = change[row, block]
+        inverse = inverse_diagonal[row, block]
+        shifted = here + coupled_only(inverse, type(here)(type(here[0])(shift[0])))
+        kept = held(shifted, least_mass, mass, mass_span, row, block)
+        residual = residual_out[row, block] - kept - outflow
+        residual_out[row, block] = residual
+        swept_out[row, block] = omega * wp.cw_mul(inverse, residual)
+        residual_squared += wp.cw_mul(residual, residual)
+        content_squared += wp.cw_mul(content, content)
+        change_sum += wide(here)
+        outflow_sum += wide(outflow)
     row_sum_out[SUM_RESIDUAL_SQUARED, segment, row] = sum_lanes(residual_squared)
     row_sum_out[SUM_RIGHT_SIDE_SQUARED, segment, row] = sum_lanes(content_squared)
     row_sum_out[SUM_CHANGE, segment, row] = sum_lanes(change_sum)
@@ -158,10 +164,13 @@ def start_residual(
 def apply_system(
     # inputs:
     direction: wp.array2d[Lanes],
+    east: wp.array2d[Lanes],
+    west: wp.array2d[Lanes],
     least_mass: wp.Float,
     mass: wp.array2d[Lanes],
     mass_span: wp.array2d[wp.int32],
     faces_x: wp.array2d[Lanes],
+    faces_west: wp.array2d[Lanes],
     faces_y: wp.array2d[Lanes],
     span: wp.array2d[wp.int32],
     segment_length: wp.int32,
@@ -173,10 +182,13 @@ def apply_system(
 
     Args:
         direction: Shape [ny, block].
+        east: The same of the cells' right neighbours.
+        west: The same of their left ones.
         least_mass: The diagonal of ``E`` as far as all cells have it.
         mass: The rest of it, shape [ny, block].
         mass_span: First block of each row with such a rest and the one after its last, shape [ny, 2].
         faces_x: Conductance of each cell to its right neighbour, times the step, shape [ny, block].
+        faces_west: The same to its left neighbour.
         faces_y: The same to its upper neighbour.
         span: First block of each row with a leaf cell and the one after its last, shape [ny, 2].
         segment_length: Blocks of a thread.
@@ -188,17 +200,13 @@ def apply_system(
     end = wp.min(span[row, 1], (segment + 1) * segment_length)
     total = direction.dtype()
     outflow_sum = SumLanes()
-    if first < end:
-        last = last_flux(direction, faces_x, row, first)
-        for block in range(first, end):
-            here = direction[row, block]
-            east = flux_east(direction, faces_x, row, block)
-            outflow = (east - from_west(east, last)) + flux_across(direction, faces_y, row, block)
-            last = east[LAST]
-            image = held(here, least_mass, mass, mass_span, row, block) + outflow
-            outflow_sum += wide(outflow)
-            image_out[row, block] = image
-            total += wp.cw_mul(here, image)
+    for block in range(first, end):
+        here = direction[row, block]
+        outflow = outflow_at(direction, east, west, faces_x, faces_west, faces_y, row, block)
+        image = held(here, least_mass, mass, mass_span, row, block) + outflow
+        outflow_sum += wide(outflow)
+        image_out[row, block] = image
+        total += wp.cw_mul(here, image)
     row_sum_out[SUM_PRODUCT, segment, row] = sum_lanes(total)
     row_sum_out[SUM_OUTFLOW, segment, row] = sum_lanes(outflow_sum)
 

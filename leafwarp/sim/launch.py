@@ -92,6 +92,11 @@ class ArraySpec:
         """The shape in memory."""
         return padded_shape(self.shape) if self.padded else self.shape
 
+    @property
+    def margin(self) -> int:
+        """Elements before and after the array that can be read, but mean nothing: those of a displaced view."""
+        return LANES if self.padded else 0
+
     def dtype(self, precision: str) -> Any:
         """The Warp type of an element."""
         fixed = {"int32": wp.int32, "bool": wp.bool, "float64": wp.float64}
@@ -103,7 +108,8 @@ class ArraySpec:
 
     def byte_count(self, precision: str) -> int:
         """Memory that the array takes [byte]."""
-        return int(np.prod(self.allocated_shape)) * wp.types.type_size_in_bytes(self.dtype(precision))
+        count = int(np.prod(self.allocated_shape)) + 2 * self.margin
+        return count * wp.types.type_size_in_bytes(self.dtype(precision))
 
 
 class State:
@@ -123,6 +129,7 @@ class State:
         self.launch_count = 0
         self.recorded: list[Command] = []
         self._arrays: dict[str, wp.array] = {}
+        self._memory: dict[str, wp.array] = {}
         self._whole: dict[str, wp.array] = {}
         self._component: dict[str, np.dtype] = {}
         for spec in specs:
@@ -132,7 +139,10 @@ class State:
         """Allocate an array, zeroed."""
         if spec.name in self._arrays:
             raise ValueError(f"array '{spec.name}' is declared twice")
-        whole = wp.zeros(spec.allocated_shape, dtype=spec.dtype(self.precision), device=self.device)
+        dtype, shape = spec.dtype(self.precision), spec.allocated_shape
+        memory = wp.zeros(int(np.prod(shape)) + 2 * spec.margin, dtype=dtype, device=self.device)
+        whole = memory[spec.margin : memory.shape[0] - spec.margin].reshape(shape)
+        self._memory[spec.name] = memory
         self._whole[spec.name] = whole
         self._arrays[spec.name] = whole[tuple(map(slice, spec.shape))] if spec.padded else whole
         self._component[spec.name] = spec.numpy_dtype(self.precision)
@@ -156,19 +166,25 @@ class State:
     @property
     def byte_count(self) -> int:
         """Memory of all arrays [byte]."""
-        return sum(array.capacity for array in self._whole.values())
+        return sum(memory.capacity for memory in self._memory.values())
 
     def whole(self, name: str) -> wp.array:
         """An array with its padding."""
         return self._whole[name]
 
-    def lanes(self, name: str) -> wp.array:
-        """An array with its padding as blocks of lanes along its last axis."""
+    def lanes(self, name: str, displaced: int = 0) -> wp.array:
+        """An array with its padding as blocks of lanes along its last axis.
+
+        Args:
+            name: Name of a padded array.
+            displaced: Elements by which all blocks are displaced: with 1 each holds the right neighbours of its own,
+                with -1 the left ones. What lies beyond the end of a row means nothing.
+        """
         whole = self._whole[name]
         block = LANE_VECTOR[self.precision]
         size = wp.types.type_size_in_bytes(block)
         return wp.array(
-            ptr=whole.ptr,
+            ptr=whole.ptr + displaced * (size // LANES),
             dtype=block,
             shape=(*whole.shape[:-1], whole.shape[-1] // LANES),
             strides=(*whole.strides[:-1], size),
@@ -203,8 +219,8 @@ class State:
         """Name of the array that an argument is, or is a view of."""
         if not isinstance(argument, wp.array):
             return None
-        for name, whole in self._whole.items():
-            if argument.ptr is not None and whole.ptr is not None and 0 <= argument.ptr - whole.ptr < whole.capacity:
+        for name, memory in self._memory.items():
+            if argument.ptr is not None and memory.ptr is not None and 0 <= argument.ptr - memory.ptr < memory.capacity:
                 return name
         return None
 

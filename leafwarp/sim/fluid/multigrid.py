@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+import warp as wp
 
 from leafwarp.sim.fluid.spans import line_spans
 from leafwarp.sim.launch import ArraySpec, Command, State
@@ -17,6 +18,11 @@ SWEEPS = (1, 3, 4)
 LARGEST_EIGENVALUE = 2.0
 SMALLEST_DAMPED = {1: 0.85, 3: 0.15, 4: 0.1}
 OVERCORRECTION = 1.3
+# Where there are many levels, the cycles of these are done twice: it regains what constant blocks lose, where that costs
+# little. From the first of them on, no correction is taken times more than 1: to repeat a cycle that overshoots might not
+# be positive definite.
+MANY_LEVELS = 11
+REPEATED_LEVELS = (2, 3)
 
 
 def sweep_weights(count: int) -> list[float]:
@@ -98,6 +104,7 @@ class Multigrid:
         while max(self._shapes[-1]) > 1:
             rows, columns = self._shapes[-1]
             self._shapes.append((-(-rows // 2), -(-columns // 2)))
+        self._repeated = REPEATED_LEVELS if len(self._shapes) >= MANY_LEVELS else ()
         self._right_side, self._begun, self._solution, self._row_sum = right_side, begun, solution, row_sum
         self._has_source = has_source
         self.arrays = tuple(spec for level in range(len(self._shapes)) for spec in self._declare(level))
@@ -168,7 +175,8 @@ class Multigrid:
     def system(self, state: State, level: int = 0) -> list:
         """The arguments of kernels that describe ``E + L`` of a level."""
         prefix = f"level_{level}_"
-        faces = [state.lanes(prefix + "faces_x"), state.lanes(prefix + "faces_y")]
+        x, y = prefix + "faces_x", prefix + "faces_y"
+        faces = [state.lanes(x), state.lanes(x, -1), state.lanes(y)]
         if level > 0:
             return [0.0, state.lanes(prefix + "mass"), prefix + "span", *faces]
         return [1.0, state.lanes("level_0_mass") if self._has_source else None, "level_0_mass_span", *faces]
@@ -177,13 +185,15 @@ class Multigrid:
         """Record a cycle."""
         return self._cycle(state, 0)
 
-    def _cycle(self, state: State, level: int) -> list[Command]:
+    def _cycle(self, state: State, level: int, start: str | None = None) -> list[Command]:
+        """Record a cycle from a level on, from a solution of 0 or from what one of the level's arrays holds."""
         shape = self._shapes[level]
         prefix = f"level_{level}_"
         if level == 0:
-            right_side, now, other = (state.lanes(n) for n in (self._right_side, self._begun, self._solution))
+            right_side, now, other = self._right_side, self._begun, self._solution
         else:
-            right_side, now, other = (state.lanes(prefix + n) for n in ("right_side", "solution", "other"))
+            right_side, now, other = (prefix + name for name in ("right_side", "solution", "other"))
+        right_side = state.lanes(right_side)
         span = prefix + "span"
         length, segments = thread_blocks(right_side.shape[1], state)
         dim = (segments, shape[0])
@@ -195,15 +205,18 @@ class Multigrid:
 
         def sweep(omega: float, row_sum: str | None = None) -> Command:
             nonlocal now, other
-            inputs = [right_side, now, *system, inverse_diagonal, span, length, omega]
-            command = state.record(smooth, dim, inputs, [other, row_sum])
+            inputs = [right_side, *with_neighbours(state, now), *system, inverse_diagonal, span, length, omega]
+            command = state.record(smooth, dim, inputs, [state.lanes(other), row_sum])
             now, other = other, now
             return command
 
         commands = []
-        if level > 0:
+        if start is not None:
+            now, other = (now, other) if start == now else (other, now)
+            commands.append(sweep(omegas[0]))
+        elif level > 0:
             inputs = [right_side, inverse_diagonal, span, length, omegas[0]]
-            commands.append(state.record(begin_smoothing, dim, inputs, [now]))
+            commands.append(state.record(begin_smoothing, dim, inputs, [state.lanes(now)]))
         commands += [sweep(omega) for omega in omegas[1:]]
         if not coarsest:
             coarse = f"level_{level + 1}_"
@@ -213,17 +226,26 @@ class Multigrid:
                 state.record(
                     restrict_residual,
                     (coarse_segments, self._shapes[level + 1][0]),
-                    [right_side, now, *system, coarse + "span", coarse_length],
+                    [right_side, *with_neighbours(state, now), *system, coarse + "span", coarse_length],
                     [coarse_right_side],
                 )
             )
             commands += self._cycle(state, level + 1)
-            commands.append(state.record(correct, dim, [self._found, span, length, OVERCORRECTION], [now]))
+            if level + 1 in self._repeated:
+                commands += self._cycle(state, level + 1, self._found)
+            factor = 1.0 if self._repeated and level >= self._repeated[0] else OVERCORRECTION
+            inputs = [state.lanes(self._found), span, length, factor]
+            commands.append(state.record(correct, dim, inputs, [state.lanes(now)]))
         if not coarsest or level == 0:
             commands += [sweep(omega) for omega in omegas[:0:-1]]
             commands.append(sweep(omegas[0], self._row_sum if level == 0 else None))
         self._found = now
         return commands
+
+
+def with_neighbours(state: State, name: str) -> list[wp.array]:
+    """Blocks of lanes of an array, of its cells' right neighbours and of their left ones."""
+    return [state.lanes(name, displaced) for displaced in (0, 1, -1)]
 
 
 def thread_blocks(blocks: int, state: State) -> tuple[int, int]:

@@ -16,7 +16,7 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.fluid.conductance import leaf_conductance
 from leafwarp.sim.fluid.lines import diffusion_supply
-from leafwarp.sim.fluid.multigrid import Multigrid, System, thread_blocks
+from leafwarp.sim.fluid.multigrid import Multigrid, System, thread_blocks, with_neighbours
 from leafwarp.sim.fluid.steps import FluidSteps, NotConverged
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.stage import Interval, Stage
@@ -53,7 +53,7 @@ MAXIMUM_PASSES = 6
 ROUNDING = 10.0
 # What the iterations have shown of the preconditioned system's least and largest eigenvalue is taken times these, as
 # soon as there were so many of them in one solve.
-LEAST_SAFETY, LARGEST_SAFETY = 0.5, 1.1
+LEAST_SAFETY, LARGEST_SAFETY = 0.7, 1.1
 TELLING_ITERATIONS = 3
 # Iterations of a solve whose numbers are kept.
 LONGEST_HISTORY = 32
@@ -173,7 +173,15 @@ class UnsplitDiffusion(Stage):
         residual_at_start = record(
             start_residual,
             dim,
-            [water, change, shift, *system, inverse_diagonal, *threads, omega],
+            [
+                *with_neighbours(state, "water"),
+                *with_neighbours(state, "unsplit_change"),
+                shift,
+                *system,
+                inverse_diagonal,
+                *threads,
+                omega,
+            ],
             [residual, swept, sums],
         )
         precondition = [
@@ -182,7 +190,12 @@ class UnsplitDiffusion(Stage):
         ]
         image_of_direction = [
             record(update_direction, dim, [preconditioned, inverse_diagonal, *threads, solver], [direction]),
-            record(apply_system, dim, [direction, *system, *threads], [swept, sums]),
+            record(
+                apply_system,
+                dim,
+                [*with_neighbours(state, "unsplit_direction"), *system, *threads],
+                [swept, sums],
+            ),
         ]
         advance = record(
             advance_solution,
