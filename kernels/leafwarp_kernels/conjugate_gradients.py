@@ -61,16 +61,18 @@ HISTORY_STEP_LENGTH = wp.constant(0)
 HISTORY_IMPROVEMENT = wp.constant(1)
 HISTORY_COUNT = 2
 
-SumLanes = wp.types.vector(LANES, wp.float64)
+# Sums are taken in so many parts at once: more do not fit into a processor's registers beside the lanes.
+SUM_PARTS = 8
+Sum = wp.types.vector(SUM_PARTS, wp.float64)
 
 
 @wp.func
-def wide(a: Any):
-    """The lanes in float64."""
-    wider = SumLanes()
-    for lane in range(LANES):
-        wider[lane] = wp.float64(a[lane])
-    return wider
+def add_lanes(total: Sum, a: Any):
+    """A sum in float64, in parts, with the lanes added."""
+    for block in range(LANES // SUM_PARTS):
+        for part in range(SUM_PARTS):
+            total[part] = total[part] + wp.float64(a[block * SUM_PARTS + part])
+    return total
 
 
 @wp.func
@@ -84,12 +86,12 @@ def coupled_only(inverse_diagonal: Any, values: Any):
 
 
 @wp.func
-def sum_lanes(a: Any):
-    """Sum over the lanes, in float64."""
-    total = wp.float64(0.0)
-    for lane in range(LANES):
-        total += wp.float64(a[lane])
-    return total
+def sum_parts(total: Sum):
+    """All parts of a sum together."""
+    whole = wp.float64(0.0)
+    for part in range(SUM_PARTS):
+        whole += total[part]
+    return whole
 
 
 @wp.func
@@ -253,8 +255,8 @@ def advance_solution(
         row_sum_out: Squared residual and change, shape [SUM_COUNT, segment, ny].
     """
     segment, row = wp.tid()
-    residual_squared = residual_out.dtype()
-    change_sum = SumLanes()
+    residual_squared = Sum()
+    change_sum = Sum()
     first = wp.max(span[row, 0], segment * segment_length)
     for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
         residual = residual_out[row, block]
@@ -266,10 +268,10 @@ def advance_solution(
         residual_out[row, block] = residual
         change_out[row, block] = change
         swept_out[row, block] = omega * wp.cw_mul(inverse, residual)
-        residual_squared += wp.cw_mul(residual, residual)
-        change_sum += wide(change)
-    row_sum_out[SUM_RESIDUAL_SQUARED, segment, row] = sum_lanes(residual_squared)
-    row_sum_out[SUM_CHANGE, segment, row] = sum_lanes(change_sum)
+        residual_squared = add_lanes(residual_squared, wp.cw_mul(residual, residual))
+        change_sum = add_lanes(change_sum, change)
+    row_sum_out[SUM_RESIDUAL_SQUARED, segment, row] = sum_parts(residual_squared)
+    row_sum_out[SUM_CHANGE, segment, row] = sum_parts(change_sum)
 
 
 @wp.kernel

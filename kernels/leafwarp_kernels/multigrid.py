@@ -21,7 +21,7 @@ from typing import Any
 
 import warp as wp
 
-from leafwarp_kernels.conjugate_gradients import SUM_PRODUCT, sum_lanes
+from leafwarp_kernels.conjugate_gradients import SUM_PRODUCT, Sum, add_lanes, sum_parts
 from leafwarp_kernels.lanes import LANES, Lanes
 
 wp.set_module_options({"enable_backward": False})
@@ -160,16 +160,17 @@ def smooth(
     segment, row = wp.tid()
     first = wp.max(span[row, 0], segment * segment_length)
     end = wp.min(span[row, 1], (segment + 1) * segment_length)
-    total = right_side.dtype()
+    total = Sum()
     for block in range(first, end):
         residual = residual_at(
             right_side, solution, east, west, least_mass, mass, mass_span, faces_x, faces_west, faces_y, row, block
         )
         after = solution[row, block] + omega * wp.cw_mul(inverse_diagonal[row, block], residual)
         solution_out[row, block] = after
-        total += wp.cw_mul(right_side[row, block], after)
+        if row_sum_out:
+            total = add_lanes(total, wp.cw_mul(right_side[row, block], after))
     if row_sum_out:
-        row_sum_out[SUM_PRODUCT, segment, row] = sum_lanes(total)
+        row_sum_out[SUM_PRODUCT, segment, row] = sum_parts(total)
 
 
 @wp.kernel

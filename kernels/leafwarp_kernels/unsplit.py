@@ -35,11 +35,11 @@ from leafwarp_kernels.conjugate_gradients import (
     SUM_PRODUCT,
     SUM_RESIDUAL_SQUARED,
     SUM_RIGHT_SIDE_SQUARED,
-    SumLanes,
+    Sum,
+    add_lanes,
     coupled_only,
-    sum_lanes,
+    sum_parts,
     sum_rows,
-    wide,
 )
 from leafwarp_kernels.lanes import Lanes
 from leafwarp_kernels.multigrid import held, outflow_at
@@ -135,10 +135,10 @@ def start_residual(
     segment, row = wp.tid()
     first = wp.max(span[row, 0], segment * segment_length)
     end = wp.min(span[row, 1], (segment + 1) * segment_length)
-    residual_squared = water.dtype()
-    content_squared = water.dtype()
-    change_sum = SumLanes()
-    outflow_sum = SumLanes()
+    residual_squared = Sum()
+    content_squared = Sum()
+    change_sum = Sum()
+    outflow_sum = Sum()
     for block in range(first, end):
         outflow = outflow_at(water, water_east, water_west, faces_x, faces_west, faces_y, row, block)
         outflow += outflow_at(change, change_east, change_west, faces_x, faces_west, faces_y, row, block)
@@ -150,14 +150,14 @@ def start_residual(
         residual = residual_out[row, block] - kept - outflow
         residual_out[row, block] = residual
         swept_out[row, block] = omega * wp.cw_mul(inverse, residual)
-        residual_squared += wp.cw_mul(residual, residual)
-        content_squared += wp.cw_mul(content, content)
-        change_sum += wide(here)
-        outflow_sum += wide(outflow)
-    row_sum_out[SUM_RESIDUAL_SQUARED, segment, row] = sum_lanes(residual_squared)
-    row_sum_out[SUM_RIGHT_SIDE_SQUARED, segment, row] = sum_lanes(content_squared)
-    row_sum_out[SUM_CHANGE, segment, row] = sum_lanes(change_sum)
-    row_sum_out[SUM_OUTFLOW, segment, row] = sum_lanes(outflow_sum)
+        residual_squared = add_lanes(residual_squared, wp.cw_mul(residual, residual))
+        content_squared = add_lanes(content_squared, wp.cw_mul(content, content))
+        change_sum = add_lanes(change_sum, here)
+        outflow_sum = add_lanes(outflow_sum, outflow)
+    row_sum_out[SUM_RESIDUAL_SQUARED, segment, row] = sum_parts(residual_squared)
+    row_sum_out[SUM_RIGHT_SIDE_SQUARED, segment, row] = sum_parts(content_squared)
+    row_sum_out[SUM_CHANGE, segment, row] = sum_parts(change_sum)
+    row_sum_out[SUM_OUTFLOW, segment, row] = sum_parts(outflow_sum)
 
 
 @wp.kernel
@@ -198,17 +198,17 @@ def apply_system(
     segment, row = wp.tid()
     first = wp.max(span[row, 0], segment * segment_length)
     end = wp.min(span[row, 1], (segment + 1) * segment_length)
-    total = direction.dtype()
-    outflow_sum = SumLanes()
+    total = Sum()
+    outflow_sum = Sum()
     for block in range(first, end):
         here = direction[row, block]
         outflow = outflow_at(direction, east, west, faces_x, faces_west, faces_y, row, block)
         image = held(here, least_mass, mass, mass_span, row, block) + outflow
-        outflow_sum += wide(outflow)
+        outflow_sum = add_lanes(outflow_sum, outflow)
         image_out[row, block] = image
-        total += wp.cw_mul(here, image)
-    row_sum_out[SUM_PRODUCT, segment, row] = sum_lanes(total)
-    row_sum_out[SUM_OUTFLOW, segment, row] = sum_lanes(outflow_sum)
+        total = add_lanes(total, wp.cw_mul(here, image))
+    row_sum_out[SUM_PRODUCT, segment, row] = sum_parts(total)
+    row_sum_out[SUM_OUTFLOW, segment, row] = sum_parts(outflow_sum)
 
 
 @wp.kernel
@@ -229,11 +229,11 @@ def sum_change(
         row_sum_out: Shape [SUM_COUNT, segment, ny].
     """
     segment, row = wp.tid()
-    total = SumLanes()
+    total = Sum()
     first = wp.max(span[row, 0], segment * segment_length)
     for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
-        total += wide(change[row, block])
-    row_sum_out[SUM_CHANGE, segment, row] = sum_lanes(total)
+        total = add_lanes(total, change[row, block])
+    row_sum_out[SUM_CHANGE, segment, row] = sum_parts(total)
 
 
 @wp.kernel
@@ -294,7 +294,7 @@ def finish_step(
         added_out: Content added to each segment so far, shape [segment, ny]; None where none is counted.
     """
     segment, row = wp.tid()
-    added = SumLanes()
+    added = Sum()
     first = wp.max(span[row, 0], segment * segment_length)
     for block in range(first, wp.min(span[row, 1], (segment + 1) * segment_length)):
         old = water_out[row, block]
@@ -315,6 +315,6 @@ def finish_step(
         water_out[row, block] = new
         residual_out[row, block] = residual_out[row, block] + leak - unforeseen
         if added_out:
-            added += wide(new) - wide(old)
+            added = add_lanes(add_lanes(added, new), -old)
     if added_out:
-        added_out[segment, row] += sum_lanes(added)
+        added_out[segment, row] += sum_parts(added)

@@ -13,14 +13,14 @@ from leafwarp_kernels.lanes import LANES
 from leafwarp_kernels.multigrid import begin_smoothing, correct, restrict_residual, smooth
 
 # Sweeps of the smoother before and after the correction: on the map itself, on the next level, on all others.
-SWEEPS = (1, 3, 4)
+SWEEPS = (1, 2, 4)
 # The eigenvalues of D^-1 (E + L) lie between 0 and 2. A polynomial of more sweeps damps more of the lower ones.
 LARGEST_EIGENVALUE = 2.0
-SMALLEST_DAMPED = {1: 0.85, 3: 0.15, 4: 0.1}
+SMALLEST_DAMPED = {1: 0.85, 2: 0.3, 4: 0.1}
 OVERCORRECTION = 1.3
-# Where there are many levels, the cycles of these are done twice: it regains what constant blocks lose, where that costs
-# little. From the first of them on, no correction is taken times more than 1: to repeat a cycle that overshoots might not
-# be positive definite.
+# Where there are many levels, the cycles of these are done twice: it regains what constant blocks lose, where that
+# costs little. From the first of them on, no correction is taken times more than 1: to repeat a cycle that overshoots
+# might not be positive definite.
 MANY_LEVELS = 11
 REPEATED_LEVELS = (2, 3)
 

@@ -157,7 +157,7 @@ class UnsplitDiffusion(Stage):
         self._reach = 1.0 / (ROUNDING * np.finfo(state.precision).eps)
         self._graphs: dict[int, wp.Graph] = {}
         self._is_begun = False
-        self._least_eigenvalue, self._largest_eigenvalue = math.inf, 0.0
+        self._least_eigenvalue, self._largest_eigenvalue, self._slowest = math.inf, 0.0, 0.0
 
     def _record_step(self, state: State, coupled_count: float) -> None:
         dim, threads, record, lanes = self._dim, self._threads, state.record, state.lanes
@@ -350,7 +350,7 @@ class UnsplitDiffusion(Stage):
         if self.system is not None:
             self._factorise()
             return
-        self._least_eigenvalue, self._largest_eigenvalue = math.inf, 0.0
+        self._least_eigenvalue, self._largest_eigenvalue, self._slowest = math.inf, 0.0, 0.0
         self._state["unsplit_bounds"].zero_()
         exchange = self._state["source_exchange"].numpy().astype(np.float64)
         self._cycle.upload_mass(self._state, exchange)
@@ -378,14 +378,15 @@ class UnsplitDiffusion(Stage):
             return
         step_length, improvement = self._state["unsplit_history"].numpy()[:, : min(count, LONGEST_HISTORY)]
         least, largest = extreme_eigenvalues(step_length, improvement)
+        self._slowest = max(self._slowest, improvement[1:].max())
         if least < self._least_eigenvalue or largest > self._largest_eigenvalue:
             least = self._least_eigenvalue = min(least, self._least_eigenvalue)
             largest = self._largest_eigenvalue = max(largest, self._largest_eigenvalue)
-            condition = LARGEST_SAFETY * largest / (LEAST_SAFETY * least) if least > 0.0 else math.inf
             bounds = np.zeros(BOUND_COUNT)
-            if math.isfinite(condition):
+            if least > 0.0 and math.isfinite(largest):
+                condition = LARGEST_SAFETY * largest / (LEAST_SAFETY * least)
                 bounds[BOUND_ENERGY] = 1.0 / (LEAST_SAFETY * least)
-                bounds[BOUND_CONTRACTION] = ((condition - 1.0) / (condition + 1.0)) ** 2
+                bounds[BOUND_CONTRACTION] = min(((condition - 1.0) / (condition + 1.0)) ** 2, self._slowest)
             self._state.upload("unsplit_bounds", bounds)
 
 
