@@ -157,7 +157,7 @@ class UnsplitDiffusion(Stage):
         self._reach = 1.0 / (ROUNDING * np.finfo(state.precision).eps)
         self._graphs: dict[int, wp.Graph] = {}
         self._is_begun = False
-        self._least_eigenvalue, self._largest_eigenvalue, self._slowest = math.inf, 0.0, 0.0
+        self._forget()
 
     def _record_step(self, state: State, coupled_count: float) -> None:
         dim, threads, record, lanes = self._dim, self._threads, state.record, state.lanes
@@ -272,7 +272,9 @@ class UnsplitDiffusion(Stage):
         _run(step.start)
         if self._error_over_limit() <= self._reach:
             self._iterate(step)
+            self._learn()
         else:
+            self._forget()
             self._iterate_repeatedly(step)
 
     def _take_factor(self) -> None:
@@ -301,7 +303,7 @@ class UnsplitDiffusion(Stage):
         """Solve again for what is left, until that changes the contents by no more than the tolerance.
 
         Rounding in the first iterations, when the residual is that large, may be far more than what is accepted, and
-        the residual as the iteration knows it does not tell.
+        the residual as the iteration knows it does not tell, nor does the energy that follows from it.
         """
         rounding = ROUNDING * float(np.finfo(self._state.precision).eps)
         limit = math.sqrt(float(self._solver.numpy()[LIMIT_SQUARED]))
@@ -332,7 +334,6 @@ class UnsplitDiffusion(Stage):
                     break
                 self._replay(step.advance)
         self._check()
-        self._learn()
 
     def _replay(self, commands: list[Command]) -> None:
         """Run a part of an iteration as a graph, captured when it is first asked for."""
@@ -350,8 +351,7 @@ class UnsplitDiffusion(Stage):
         if self.system is not None:
             self._factorise()
             return
-        self._least_eigenvalue, self._largest_eigenvalue, self._slowest = math.inf, 0.0, 0.0
-        self._state["unsplit_bounds"].zero_()
+        self._forget()
         exchange = self._state["source_exchange"].numpy().astype(np.float64)
         self._cycle.upload_mass(self._state, exchange)
 
@@ -370,6 +370,11 @@ class UnsplitDiffusion(Stage):
                 f"after {count} iterations the unsplit scheme's error may still be {short:.3g} times what "
                 f"fluid.tolerance = {self.scene.fluid.tolerance:g} accepts; {REMEDY}"
             )
+
+    def _forget(self) -> None:
+        """Bound the error by the residual alone."""
+        self._least_eigenvalue, self._largest_eigenvalue, self._slowest = math.inf, 0.0, 0.0
+        self._state["unsplit_bounds"].zero_()
 
     def _learn(self) -> None:
         """Bound the error by the energy, too, from what the iterations have shown of the preconditioned system."""
