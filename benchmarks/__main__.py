@@ -16,7 +16,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import fluid, memory, scaling, startup, structure, table2, unsplit
+from benchmarks import clocks, fluid, memory, scaling, startup, structure, table2, unsplit
 from benchmarks.peers import motion as peers
 from benchmarks.results import describe_machine, write_section
 from leafwarp.errors import InputError
@@ -30,6 +30,7 @@ BENCHMARKS = {
     "scaling": scaling,
     "memory": memory,
     "startup": startup,
+    "clocks": clocks,
     "peers": peers,
 }
 UNNAMED = "table2"

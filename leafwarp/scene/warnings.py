@@ -174,6 +174,16 @@ def motion_without_effect(scene: Scene) -> Iterator[str]:
             )
 
 
+def inertia_decides(scene: Scene) -> Iterator[str]:
+    """A line if inertia may carry a leaf in SI units past a buckle, into a shape that depends on the film's length."""
+    if scene.material is None or scene.motion.method == "quasistatic" or not scene.curls:
+        return
+    yield (
+        f"motion.method = '{scene.motion.method}': has inertia in the film's time; where a curling leaf can rest in "
+        "several shapes, time.frames and time.fps may decide in which; with 'quasistatic' they do not"
+    )
+
+
 def fine_maps(scene: Scene) -> Iterator[str]:
     """A line if many leaves have maps far finer than their meshes."""
     if scene.leaves is None or not scene.map_names:
@@ -196,6 +206,7 @@ def warnings_of(scene: Scene) -> tuple[str, ...]:
         assumed_values,
         slow_motion,
         motion_without_effect,
+        inertia_decides,
         fine_maps,
     )
     return tuple(line for kind in kinds for line in kind(scene))
