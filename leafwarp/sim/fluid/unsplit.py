@@ -383,16 +383,17 @@ class UnsplitDiffusion(Stage):
             return
         step_length, improvement = self._state["unsplit_history"].numpy()[:, : min(count, LONGEST_HISTORY)]
         least, largest = extreme_eigenvalues(step_length, improvement)
-        self._slowest = max(self._slowest, improvement[1:].max())
-        if least < self._least_eigenvalue or largest > self._largest_eigenvalue:
-            least = self._least_eigenvalue = min(least, self._least_eigenvalue)
-            largest = self._largest_eigenvalue = max(largest, self._largest_eigenvalue)
-            bounds = np.zeros(BOUND_COUNT)
-            if least > 0.0 and math.isfinite(largest):
-                condition = LARGEST_SAFETY * largest / (LEAST_SAFETY * least)
-                bounds[BOUND_ENERGY] = 1.0 / (LEAST_SAFETY * least)
-                bounds[BOUND_CONTRACTION] = min(((condition - 1.0) / (condition + 1.0)) ** 2, self._slowest)
-            self._state.upload("unsplit_bounds", bounds)
+        known = (self._least_eigenvalue, self._largest_eigenvalue, self._slowest)
+        learnt = (min(known[0], least), max(known[1], largest), max(known[2], float(improvement[1:].max())))
+        if learnt == known:
+            return
+        self._least_eigenvalue, self._largest_eigenvalue, self._slowest = least, largest, slowest = learnt
+        bounds = np.zeros(BOUND_COUNT)
+        if least > 0.0 and math.isfinite(largest):
+            condition = LARGEST_SAFETY * largest / (LEAST_SAFETY * least)
+            bounds[BOUND_ENERGY] = 1.0 / (LEAST_SAFETY * least)
+            bounds[BOUND_CONTRACTION] = min(((condition - 1.0) / (condition + 1.0)) ** 2, slowest)
+        self._state.upload("unsplit_bounds", bounds)
 
 
 def extreme_eigenvalues(step_length: np.ndarray, improvement: np.ndarray) -> tuple[float, float]:
@@ -403,9 +404,9 @@ def extreme_eigenvalues(step_length: np.ndarray, improvement: np.ndarray) -> tup
         improvement: Share of the direction before in that of each iteration, shape [count].
 
     Returns:
-        The least and the largest; 0 and infinity where an iteration has made no step.
+        The least and the largest; 0 and infinity where an iteration has gone astray.
     """
-    if not (step_length > 0.0).all():
+    if not ((step_length > 0.0).all() and (improvement >= 0.0).all()):
         return 0.0, math.inf
     diagonal = 1.0 / step_length
     diagonal[1:] += improvement[1:] / step_length[:-1]
