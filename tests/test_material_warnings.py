@@ -142,5 +142,13 @@ def test_what_would_swing_a_leaf_has_no_effect_on_one_at_rest(leaf_file: Path) -
     lines = load_scene(leaf_file, keys).warnings
     assert [line.partition(":")[0] for line in lines] == ["structure.damping = 0.9", "motion.drag = 50"]
     assert all("motion.method = 'implicit' has inertia" in line for line in lines)
-    assert load_scene(leaf_file, [*keys, "motion.method='implicit'"]).warnings == ()
+    assert load_scene(leaf_file, [*keys, "motion.method='implicit'", "material.mismatch=0.0"]).warnings == ()
     assert load_scene(leaf_file, ["motion.drag=50.0", "motion.wind=[1.0, 0.0, 0.0]"]).warnings == ()
+
+
+def test_where_inertia_may_decide_on_the_shape_is_said(leaf_file: Path, small_scene: Path) -> None:
+    (line,) = load_scene(leaf_file, ["motion.method='implicit'"]).warnings
+    assert line.startswith("motion.method = 'implicit': has inertia in the film's time")
+    assert "time.frames and time.fps" in line and "'quasistatic'" in line
+    assert load_scene(leaf_file, ["motion.method='quasistatic'"]).warnings == ()
+    assert load_scene(small_scene, ["motion.method='implicit'"]).warnings == ()  # an artistic scene
