@@ -8,8 +8,8 @@ order"). The smoother is ``x + omega D^-1 (b - (E + L) x)`` with the diagonal ``
 being those of a Chebyshev polynomial. Sweeps before and after the correction are the same, so that the cycle is
 symmetric and positive definite, as conjugate gradients need it.
 
-``E`` is stored as what all cells have in common and the rest, with the blocks of each row where there is any: on the
-map itself it is 1 but for a few cells of a source.
+The diagonal of ``E`` is stored as what all cells have in common and the rest, with the blocks of each row where there
+is any: on the map itself it is 1 but for a few cells of a source.
 
 Where there is no leaf, ``b``, ``D^-1`` and the conductances are 0. All arrays are whole blocks of lanes (see
 :mod:`leafwarp_kernels.lanes`); a thread takes some blocks of a row, on a CPU all of them. The neighbours to the right
@@ -216,34 +216,22 @@ def restrict_residual(
         for half in range(2):
             block = 2 * coarse_block + half
             if block < solution.shape[1]:
-                both = residual_at(
-                    right_side,
-                    solution,
-                    east,
-                    west,
-                    least_mass,
-                    mass,
-                    mass_span,
-                    faces_x,
-                    faces_west,
-                    faces_y,
-                    row,
-                    block,
-                )
-                both = both + residual_at(
-                    right_side,
-                    solution,
-                    east,
-                    west,
-                    least_mass,
-                    mass,
-                    mass_span,
-                    faces_x,
-                    faces_west,
-                    faces_y,
-                    row + 1,
-                    block,
-                )
+                both = coarse_right_side_out.dtype()
+                for upper in range(2):
+                    both += residual_at(
+                        right_side,
+                        solution,
+                        east,
+                        west,
+                        least_mass,
+                        mass,
+                        mass_span,
+                        faces_x,
+                        faces_west,
+                        faces_y,
+                        row + upper,
+                        block,
+                    )
                 for lane in range(HALF):
                     coarse[half * HALF + lane] = both[2 * lane] + both[2 * lane + 1]
         coarse_right_side_out[coarse_row, coarse_block] = coarse
