@@ -156,6 +156,30 @@ display_color = true
 """
 
 
+TWO_PHOTOS = """
+[[leaf]]
+image = "drawn.png"
+length = "8 cm"
+[[leaf]]
+image = "other.png"
+length = "4 cm"
+camber = 0.0
+"""
+
+
+@pytest.fixture(scope="session")
+def two_photos(small_scene: Path) -> Path:
+    """A scene of two photos: the drawn one, and its mirror image."""
+    import cv2
+
+    picture = cv2.imread(str(small_scene.with_name("drawn.png")))
+    cv2.imwrite(str(small_scene.with_name("other.png")), picture[::-1])
+    tables = small_scene.read_text().split("[mesh]")[1]
+    path = small_scene.with_name("two.toml")
+    path.write_text(TWO_PHOTOS + "[mesh]" + tables)
+    return path
+
+
 SCENES = Path(__file__).parent.parent / "scenes"
 
 
