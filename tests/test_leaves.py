@@ -10,7 +10,9 @@ import pytest
 
 from leafwarp.cli import main
 from leafwarp.errors import InputError
+from leafwarp.leaf.arrange import axis_angle
 from leafwarp.leaf.leaves import Leaves, gather_leaves
+from leafwarp.leaf.specimen import Specimen
 from leafwarp.render.contact_sheet import ContactSheet
 from leafwarp.scene import Scene
 from leafwarp.sim.simulation import Simulation
@@ -160,6 +162,38 @@ def test_a_contact_sheet_shows_all_leaves(small_scene, scene_leaf, device) -> No
         count, _, boxes, _ = cv2.connectedComponentsWithStats(shown[:legend].astype(np.uint8))
         assert (boxes[1:, cv2.CC_STAT_AREA] > 500).sum() == 4
         assert count <= 4 + 40  # the rest are specks of a margin
+
+
+def test_settling_waits_for_the_slowest_leaf(small_scene, scene_leaf, device) -> None:
+    """A small one hangs down and is at rest at once; a large soft one lies flat, and droops by its length."""
+    scene = changed(
+        small_scene,
+        mesh__vertices=40,
+        leaves={"count": 2, "camber": False},
+        motion__settle=True,
+        motion__gravity=[0.0, 0.0, -0.1],
+    )
+    photo = scene_leaf(changed(small_scene, mesh__vertices=40))
+    angle, up = axis_angle(photo), np.array([0.0, 0.0, 1.0])
+    axis = np.array([np.cos(angle), np.sin(angle), 0.0])
+    across = np.cross(up, axis)
+    tip_down = -np.outer(up, axis) + np.outer(across, across) + np.outer(axis, up)
+    specimens = [Specimen(size=0.5, rotation=tip_down), Specimen(stiffness=0.5, rotation=np.eye(3))]
+
+    def settled(*chosen: Specimen) -> tuple[np.ndarray, np.ndarray]:
+        simulation = Simulation(scene, gather_leaves([photo], [0] * len(chosen), chosen), device)
+        start = simulation.read_frame(1).points.copy()
+        simulation.settle()
+        return start, simulation.read_frame(1).points.copy()
+
+    _, together = settled(*specimens)
+    ways = []
+    for specimen, found in zip(specimens, np.split(together, 2), strict=True):
+        start, rest = settled(specimen)
+        ways.append(np.abs(rest - start).max() / photo.length)
+        # Where it comes to rest by itself; let go when the small one has come to rest it is a hundredth short of that.
+        assert np.abs(found - rest).max() < 1e-3 * specimen.size * photo.length
+    assert ways[0] < 0.01 and ways[1] > 0.5
 
 
 BAD = {
