@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -89,6 +90,24 @@ def compiled_kernels(request: pytest.FixtureRequest) -> None:
     for device in request.config.getoption("--device") or ["cpu"]:
         for module in modules:
             wp.force_load(device, [module])
+
+
+@pytest.fixture(scope="session", autouse=True)
+def shared_analysis() -> Iterator[None]:
+    """Tests that prepare leaves of the same picture find what is in it once."""
+    from shared_analysis import share
+
+    with pytest.MonkeyPatch.context() as patch:
+        share(patch)
+        yield
+
+
+@pytest.fixture
+def analysis_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every preparation of the test finds all of it itself."""
+    from shared_analysis import compute_anew
+
+    compute_anew(monkeypatch)
 
 
 @pytest.fixture(scope="session")
