@@ -94,7 +94,7 @@ def test_compound_leaf_stays_one(background: str) -> None:
     assert_found(find(truth.colour), truth)
 
 
-@pytest.mark.parametrize(("side", "size"), [(256, 0.3), (700, 0.1), (1500, 0.3)])
+@pytest.mark.parametrize(("side", "size"), [(256, 0.3), (700, 0.1), (1100, 0.3)])
 def test_sizes(side: int, size: float) -> None:
     truth = leaf_photo("white", 3, side=side, size=size)
     shape = find(truth.colour)

@@ -201,7 +201,7 @@ def _colour_step(lab: np.ndarray) -> np.ndarray:
 def _colour_bins(lab: np.ndarray) -> np.ndarray:
     """Number of each pixel's bin in Lab, bins 8 x 6 x 6 units wide."""
     light, green, yellow = (
-        (lab[..., channel] * np.float32(width) + np.float32(start)).astype(np.int32)
+        (lab[..., channel] * np.float32(width) + np.float32(start)).astype(np.intp)
         for channel, width, start in ((0, 1.0 / 8.0, 0.0), (1, 1.0 / 6.0, 21.5), (2, 1.0 / 6.0, 21.5))
     )
     return (light * 44 + green) * 44 + yellow
