@@ -137,6 +137,7 @@ def test_larger_leaves_are_slower_in_proportion_to_their_area(small_scene, scene
 def test_settling_brings_every_leaf_to_rest(small_scene, scene_leaf, device) -> None:
     scene = changed(
         small_scene,
+        mesh__vertices=40,
         leaves=VARIED | {"count": 5, "camber": False},
         motion__settle=True,
         motion__gravity=[0.0, 0.0, -0.02],
