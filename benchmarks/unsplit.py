@@ -26,7 +26,7 @@ from leafwarp.sim.plan import make_stages
 SCENES = Path(__file__).parent.parent / "scenes"
 TITLE = "Fluid: an unsplit step beside a split one"
 QUICK = "one small map, few steps"
-SIZES, QUICK_SIZES = (256, 512, 1024), (32,)
+SIZES, QUICK_SIZES = (256, 512, 1024), (64,)
 ROUNDS = (16, 3)
 OPTIONS = {"--sizes": {"type": int, "nargs": "+", "metavar": "CELLS", "help": f"cells across (default: {SIZES})"}}
 # Steps before anything is timed: the first ones have no increment to start from.

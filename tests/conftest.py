@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
+
+if "PYTEST_XDIST_WORKER" in os.environ:
+    # There is a worker for every core: threads of their own would wait for each other. Read as the libraries load.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    os.environ.setdefault("OPENCV_FOR_THREADS_NUM", "1")
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -86,6 +92,24 @@ def compiled_kernels(request: pytest.FixtureRequest) -> None:
             wp.force_load(device, [module])
 
 
+@pytest.fixture(scope="session", autouse=True)
+def shared_analysis() -> Iterator[None]:
+    """Tests that prepare leaves of the same picture find what is in it once."""
+    from shared_analysis import share
+
+    with pytest.MonkeyPatch.context() as patch:
+        share(patch)
+        yield
+
+
+@pytest.fixture
+def analysis_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Every preparation of the test finds all of it itself."""
+    from shared_analysis import compute_anew
+
+    compute_anew(monkeypatch)
+
+
 @pytest.fixture(scope="session")
 def photo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A drawn photo: a green elliptic leaf with a petiole and a midrib on light paper."""
@@ -149,6 +173,30 @@ drag = 4.0
 [output]
 display_color = true
 """
+
+
+TWO_PHOTOS = """
+[[leaf]]
+image = "drawn.png"
+length = "8 cm"
+[[leaf]]
+image = "other.png"
+length = "4 cm"
+camber = 0.0
+"""
+
+
+@pytest.fixture(scope="session")
+def two_photos(small_scene: Path) -> Path:
+    """A scene of two photos: the drawn one, and its mirror image."""
+    import cv2
+
+    picture = cv2.imread(str(small_scene.with_name("drawn.png")))
+    cv2.imwrite(str(small_scene.with_name("other.png")), picture[::-1])
+    tables = small_scene.read_text().split("[mesh]")[1]
+    path = small_scene.with_name("two.toml")
+    path.write_text(TWO_PHOTOS + "[mesh]" + tables)
+    return path
 
 
 SCENES = Path(__file__).parent.parent / "scenes"

@@ -8,6 +8,7 @@ import pkgutil
 import warp as wp
 
 import leafwarp_kernels
+from leafwarp.sim import launch
 from leafwarp.sim.launch import REAL, specialise
 
 MODULES = sorted(module.name for module in pkgutil.iter_modules(leafwarp_kernels.__path__))
@@ -18,3 +19,16 @@ def kernels_of(name: str) -> list[wp.Kernel]:
     module = importlib.import_module(f"leafwarp_kernels.{name}")
     kernels = [v for v in vars(module).values() if isinstance(v, wp.Kernel) and v.module.name == module.__name__]
     return [specialise(kernel, precision) for kernel in kernels for precision in REAL]
+
+
+def specialise_whole_modules() -> None:
+    """Let this process find in the cache what the suite has compiled: every kernel of each module that it uses.
+
+    It still loads no other module.
+    """
+
+    def whole(kernel: wp.Kernel, precision: str) -> wp.Kernel:
+        kernels_of(kernel.module.name.rpartition(".")[2])
+        return specialise(kernel, precision)
+
+    launch.specialise = whole

@@ -32,6 +32,14 @@ def tables(text: str) -> list[list[dict[str, str]]]:
     return found
 
 
+@pytest.fixture(autouse=True)
+def leaves_of_the_session(scene_leaf, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Benchmarks that ask for the same leaf share it."""
+    for module in BENCHMARKS.values():
+        if hasattr(module, "prepare_scene_leaf"):
+            monkeypatch.setattr(module, "prepare_scene_leaf", lambda scene, cache: scene_leaf(scene))
+
+
 def quick(name: str, capsys: pytest.CaptureFixture) -> list[list[dict[str, str]]]:
     assert main([name, "--quick"]) == 0
     text = capsys.readouterr().out

@@ -46,7 +46,9 @@ def test_single_precision_agrees_with_double_on_the_cpu(
     assert expected.water.max() < 0.8 and np.ptp(expected.points[:, 2]) > 0.2 * leaf.length
 
 
-def test_two_runs_of_the_command_write_the_same_bytes(small_scene: Path, tmp_path: Path, device: str) -> None:
+def test_two_runs_of_the_command_write_the_same_bytes(
+    small_scene: Path, tmp_path: Path, device: str, analysis_anew
+) -> None:
     results = []
     for name in ("first", "second"):
         folder = tmp_path / name

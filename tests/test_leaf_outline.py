@@ -99,6 +99,17 @@ def test_stub_of_a_petiole_is_taken_to_its_end() -> None:
     assert np.linalg.norm(outline_of(drawn).base - drawn.base) < NEAR * drawn.length
 
 
+@pytest.mark.parametrize("turn", [20.0, 70.0])
+def test_a_stub_is_a_stalk_from_a_fiftieth_of_the_blade_on(turn: float) -> None:
+    """Shorter ones are as the tip of any margin: the base is where the blade begins."""
+    for length, how in ((0.02, "veins"), (0.0215, "stalk")):
+        drawn = draw(with_stalk(simple(), length, 0.012), turn)
+        outline = outline_of(drawn)
+        short_of_its_end = np.linalg.norm(outline.base - drawn.base) / (length * drawn.length)
+        assert outline.base_found == how
+        assert short_of_its_end > 0.8 if how == "veins" else short_of_its_end < 0.2
+
+
 def test_blade_cut_by_the_border_starts_at_the_middle_of_the_cut() -> None:
     drawn = draw(grass(), 0.0, pixels=600.0)
     kept = int(drawn.base[1]) - 30

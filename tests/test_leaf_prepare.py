@@ -160,7 +160,7 @@ def test_bad_arguments(image: Path, arguments: dict, message: str) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_cache(image: Path, tmp_path: Path) -> None:
+def test_cache(image: Path, tmp_path: Path, analysis_anew) -> None:
     asked = dict(length=LENGTH, vertices=60, map_size=(24, 36), maps=AUTO, cache=tmp_path / "cache")
     first = prepared(image, **asked)
     (stored,) = (tmp_path / "cache").iterdir()

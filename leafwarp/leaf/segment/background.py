@@ -11,6 +11,7 @@ CLUSTERS = 6
 LEAST_SIDES = 3  # of the picture: a leaf that runs off it crosses one or two, the background is seen on three or four
 LEAST_SHARE = 0.02  # of a side's pixels; thin grid lines have little more
 SAME_COLOUR = 2.0  # [Lab units] model colours nearer than this are one
+LEAST_COLOUR = 4.0  # [Lab units] spread of a and b below which a picture is grey
 WEIGHT = np.array([LIGHTNESS_WEIGHT, 1.0, 1.0], np.float32)
 
 
@@ -22,24 +23,27 @@ class Background:
         colours: Cluster centres of the border in Lab, shape [count, 3].
         grain: Distance to the nearest of them [Lab units] that 98 % of the border's background stay below.
         share: Share of the border that these colours explain, in [0, 1].
+        grey: Whether the whole picture has no colour to speak of.
     """
 
     colours: np.ndarray
     grain: float
     share: float
+    grey: bool
 
-    def shades(self, darkest: float, grey: bool = False) -> np.ndarray:
+    def shades(self, darkest: float) -> np.ndarray:
         """The colours and darkened copies of them, shape [count, 3]: a shadow keeps paper's chromaticity.
+
+        Where the picture is grey a darker leaf would pass for shadow, so shadows are kept light.
 
         Args:
             darkest: The least light that a shadow leaves, as a share; 1 for no shadows.
-            grey: The picture has no colour: a darker leaf would pass for shadow, so shadows are kept light.
         """
         import cv2
 
         if darkest >= 1.0:
             return self.colours
-        light = np.geomspace(1.08, max(darkest, 0.7) if grey else darkest, 12).astype(np.float32)
+        light = np.geomspace(1.08, max(darkest, 0.7) if self.grey else darkest, 12).astype(np.float32)
         linear = cv2.cvtColor(self.colours[None].astype(np.float32), cv2.COLOR_Lab2LRGB)[0]
         shades = np.clip(linear[None] * light[:, None, None], 0.0, 1.0)
         colours = cv2.cvtColor(shades.reshape(1, -1, 3), cv2.COLOR_LRGB2Lab)[0]
@@ -77,7 +81,14 @@ def background_of(lab: np.ndarray, sides: int = LEAST_SIDES) -> Background:
         common[np.argmax(share.sum(axis=1))] = True
     member = common[labels]
     distance = colour_distance(samples[member][None], centres[common])[0]
-    return Background(centres[common].astype(np.float32), float(np.quantile(distance, 0.98)), float(member.mean()))
+    grain, share = float(np.quantile(distance, 0.98)), float(member.mean())
+    return Background(centres[common].astype(np.float32), grain, share, is_grey(lab))
+
+
+def is_grey(lab: np.ndarray) -> bool:
+    """Whether a picture has no colour to speak of."""
+    spreads = [np.ptp(np.quantile(lab[..., channel], (0.005, 0.995))) for channel in (1, 2)]
+    return bool(max(spreads) < LEAST_COLOUR)
 
 
 def colour_distance(lab: np.ndarray, colours: np.ndarray) -> np.ndarray:

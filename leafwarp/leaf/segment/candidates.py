@@ -16,12 +16,12 @@ import numpy as np
 from leafwarp.leaf.segment.background import WEIGHT, Background, colour_distance
 from leafwarp.leaf.segment.pieces import border_contact, leaf_piece
 
-LEAST_COLOUR = 4.0  # [Lab units] spread of a and b below which a picture is grey
 LEAST_THRESHOLD = 6.0  # [Lab units] below this a difference is paper grain
 LEAST_SHARE = 0.003  # of the picture
 MOST_SHARE = 0.95
 STRONG_EDGE = 14.0  # [Lab units] colour step across a contour that leaves no doubt
-SHADES = (1.0, 0.45, 0.2, 0.08)  # light that the deepest shadow leaves
+PLAIN, DEEPEST = 0.2, 0.08
+SHADES = (1.0, 0.45, PLAIN, DEEPEST)  # light that the deepest shadow leaves
 
 
 @dataclass(frozen=True)
@@ -83,11 +83,6 @@ class _Scene:
     shadow: np.ndarray
 
 
-def is_grey(lab: np.ndarray) -> bool:
-    """Whether a picture has no colour to speak of."""
-    return bool(np.ptp(np.quantile(lab[..., 1:], (0.005, 0.995), axis=(0, 1)), axis=0).max() < LEAST_COLOUR)
-
-
 def guesses(lab: np.ndarray, background: Background) -> list[Guess]:
     """All guesses worth a look, best score first.
 
@@ -98,13 +93,13 @@ def guesses(lab: np.ndarray, background: Background) -> list[Guess]:
     import cv2
 
     chroma = np.hypot(lab[..., 1], lab[..., 2])
-    grey = is_grey(lab)
-    plain = colour_distance(lab, background.shades(0.2, grey)) < max(2.0 * background.grain, LEAST_THRESHOLD)
-    deep = colour_distance(lab, background.shades(0.08, grey)) < max(background.grain, LEAST_THRESHOLD)
+    off = {darkest: colour_distance(lab, background.shades(darkest)) for darkest in SHADES}
+    plain = off[PLAIN] < max(2.0 * background.grain, LEAST_THRESHOLD)
+    deep = off[DEEPEST] < max(background.grain, LEAST_THRESHOLD)
     scene = _Scene(_colour_step(lab), _colour_bins(lab), plain, deep)
     kernel = np.ones((3, 3), np.uint8)
     found: list[Guess] = []
-    for name, mask in _masks(lab, background, grey):
+    for name, mask in _masks(lab, background, off):
         opened = cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel) > 0
         inside, count = leaf_piece(opened, chroma)
         share = inside.mean()
@@ -129,19 +124,23 @@ def choose(found: list[Guess]) -> tuple[Guess, float]:
     return top[best], float(support[best])
 
 
-def _masks(lab: np.ndarray, background: Background, grey: bool) -> Iterator[tuple[str, np.ndarray]]:
-    """Masks of what differs from the background, channel by channel."""
+def _masks(lab: np.ndarray, background: Background, off: dict[float, np.ndarray]) -> Iterator[tuple[str, np.ndarray]]:
+    """Masks of what differs from the background, channel by channel.
+
+    Args:
+        lab: The picture in Lab, shape [height, width, 3].
+        background: Its background.
+        off: Distance of each pixel to the background with each of SHADES [Lab units], shape [height, width].
+    """
     import cv2
 
     side = 2 * (max(lab.shape) // 128) + 3
     calm = cv2.merge([cv2.medianBlur(channel, 5) for channel in cv2.split(lab)])
     coarse = cv2.GaussianBlur(calm, (0, 0), 0.25 * side)
     for darkest in SHADES:
-        if grey and darkest < 0.45:
+        if background.grey and darkest < 0.45:
             continue
-        colours = background.shades(darkest, grey)
-        for name, picture in (("", lab), ("calm ", coarse)):
-            distance = colour_distance(picture, colours)
+        for name, distance in (("", off[darkest]), ("calm ", colour_distance(coarse, background.shades(darkest)))):
             split = max(_otsu(distance), LEAST_THRESHOLD)
             yield f"{name}shade {darkest}", distance > split
             least = max(1.3 * background.grain, LEAST_THRESHOLD)
@@ -149,8 +148,8 @@ def _masks(lab: np.ndarray, background: Background, grey: bool) -> Iterator[tupl
                 yield f"{name}shade {darkest} low", distance > least
                 yield f"{name}shade {darkest} mid", distance > 0.5 * (least + split)
     main = background.colours[0] if len(background.colours) == 1 else np.median(background.colours, axis=0)
-    channels = {"L": calm[..., 0]} if grey else {"L": calm[..., 0], "a": calm[..., 1], "b": calm[..., 2]}
-    if not grey:
+    channels = {"L": calm[..., 0]} if background.grey else {"L": calm[..., 0], "a": calm[..., 1], "b": calm[..., 2]}
+    if not background.grey:
         channels["green"] = calm[..., 2] - 1.5 * calm[..., 1]
         channels["chroma"] = np.hypot(calm[..., 1], calm[..., 2])
         main = np.append(main, (main[2] - 1.5 * main[1], np.hypot(main[1], main[2])))
@@ -190,19 +189,19 @@ def _colour_step(lab: np.ndarray) -> np.ndarray:
     """Greatest colour difference across two to four pixels near each pixel [Lab units], lightness weighed down."""
     import cv2
 
-    calm = cv2.GaussianBlur(lab, (0, 0), 1.0) * WEIGHT
+    calm = cv2.split(cv2.GaussianBlur(lab, (0, 0), 1.0))
+    wide = [np.pad(channel * weight, 2, mode="edge") for channel, weight in zip(calm, WEIGHT, strict=True)]
     squares = np.zeros(lab.shape[:2], np.float32)
-    for axis in (0, 1):
-        wide = np.pad(calm, [(2, 2) if axis == k else (0, 0) for k in range(3)], mode="edge")
-        difference = wide[4:] - wide[:-4] if axis == 0 else wide[:, 4:] - wide[:, :-4]
-        squares += (difference**2).sum(axis=2)
+    for low, high in ((np.s_[:-4, 2:-2], np.s_[4:, 2:-2]), (np.s_[2:-2, :-4], np.s_[2:-2, 4:])):
+        light, green, yellow = ((channel[high] - channel[low]) ** 2 for channel in wide)
+        squares += light + green + yellow
     return cv2.dilate(np.sqrt(squares), np.ones((3, 3), np.uint8))
 
 
 def _colour_bins(lab: np.ndarray) -> np.ndarray:
     """Number of each pixel's bin in Lab, bins 8 x 6 x 6 units wide."""
     light, green, yellow = (
-        (lab[..., channel] * np.float32(width) + np.float32(start)).astype(np.int32)
+        (lab[..., channel] * np.float32(width) + np.float32(start)).astype(np.intp)
         for channel, width, start in ((0, 1.0 / 8.0, 0.0), (1, 1.0 / 6.0, 21.5), (2, 1.0 / 6.0, 21.5))
     )
     return (light * 44 + green) * 44 + yellow

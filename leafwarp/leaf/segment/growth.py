@@ -7,7 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 
 from leafwarp.leaf.segment.background import WEIGHT, Background, colour_distance
-from leafwarp.leaf.segment.candidates import is_grey
 from leafwarp.leaf.segment.depth import depth_of, disc, thin_parts
 from leafwarp.leaf.segment.fine_ends import with_fine_ends
 from leafwarp.leaf.segment.pieces import largest_piece, pieces_of
@@ -53,7 +52,7 @@ def grow(
     size = float(np.sqrt(np.count_nonzero(blade)))
     radius = max(2, round(0.05 * size))
     small_disc = disc(max(1, round(0.012 * size)))
-    shadow = colour_distance(lab, background.shades(0.2, is_grey(lab))) < max(0.8 * background.grain, 4.0)
+    shadow = colour_distance(lab, background.shades(0.2)) < max(0.8 * background.grain, 4.0)
     ground = cv2.dilate((blade | likely).astype(np.uint8), np.ones((7, 7), np.uint8)) == 0
     leaflets = _leaflets(lab, blade, likely)
     away = depth_of(~blade)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from leafwarp.leaf.segment.background import Background, colour_distance
-from leafwarp.leaf.segment.candidates import LEAST_THRESHOLD, is_grey
+from leafwarp.leaf.segment.candidates import LEAST_THRESHOLD
 from leafwarp.leaf.segment.pieces import pieces_of
 from leafwarp.leaf.segment.shadow import DARKER
 
@@ -25,7 +25,7 @@ def find_holes(lab: np.ndarray, inside: np.ndarray, background: Background) -> n
     """
     import cv2
 
-    distance = colour_distance(lab, background.shades(0.3, is_grey(lab)))
+    distance = colour_distance(lab, background.shades(0.3))
     least = max(1.4 * background.grain, LEAST_THRESHOLD)
     contrast = float(np.median(distance[inside]))
     if contrast < 1.5 * least:
@@ -35,7 +35,7 @@ def find_holes(lab: np.ndarray, inside: np.ndarray, background: Background) -> n
     light = min(float(np.median(lab[inside][:, 0])), float(np.median(background.colours[:, 0])))
     # Beneath a leaf lies its shadow: dark parts count with a hole, but do not make one.
     dark = lab[..., 0] < DARKER * light
-    lit = colour_distance(lab, background.shades(0.5, is_grey(lab)))
+    lit = colour_distance(lab, background.shades(0.5))
     step = _range(distance, kernel) / contrast
     edge = np.maximum(step, _range(np.ascontiguousarray(lab[..., 0]), kernel) / light)
     least_area = max(HOLE_SHARE * np.count_nonzero(inside), 12)

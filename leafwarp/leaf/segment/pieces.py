@@ -32,9 +32,11 @@ def largest_piece(mask: np.ndarray, seed: np.ndarray | None = None) -> np.ndarra
 
 def filled(inside: np.ndarray) -> np.ndarray:
     """A shape without holes: whatever a flood from outside the picture does not reach."""
-    outside = np.pad(~inside, 1, constant_values=True)
-    labels, _ = pieces_of(outside)
-    return (labels != labels[0, 0])[1:-1, 1:-1]
+    import cv2
+
+    flooded = np.pad(inside.astype(np.uint8), 1)
+    cv2.floodFill(flooded, None, (0, 0), 2)
+    return flooded[1:-1, 1:-1] != 2
 
 
 def leaf_piece(mask: np.ndarray, chroma: np.ndarray) -> tuple[np.ndarray, int]:
@@ -54,7 +56,9 @@ def leaf_piece(mask: np.ndarray, chroma: np.ndarray) -> tuple[np.ndarray, int]:
     candidates = candidates[areas[candidates] >= max(16, 0.1 * areas.max())] if len(areas) > 1 else candidates[:0]
     if len(candidates) == 0:
         return np.zeros_like(mask, bool), 0
-    weights, colours = [], []
+    if len(candidates) == 1:
+        return filled(labels == candidates[0]), 1
+    weights, colours, hulls = [], [], []
     for label in candidates:
         piece = labels == label
         contour = max(cv2.findContours(piece.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)
@@ -65,11 +69,12 @@ def leaf_piece(mask: np.ndarray, chroma: np.ndarray) -> tuple[np.ndarray, int]:
             np.count_nonzero(hull) * (1.0 - 0.8 * border_contact(piece)) * (0.1 if straight > STRAIGHT else 1)
         )
         colours.append(float(np.median(chroma[piece])))
+        hulls.append(hull)
     weights = np.array(weights, float)
     if max(colours) > NEUTRAL:
         weights *= np.where(np.array(colours) > 0.5 * NEUTRAL, 1.0, 0.15)
     best = int(np.argmax(weights))
-    return filled(labels == candidates[best]), int(np.count_nonzero(weights > COMPARABLE * weights[best]))
+    return hulls[best], int(np.count_nonzero(weights > COMPARABLE * weights[best]))
 
 
 def border_contact(piece: np.ndarray) -> float:

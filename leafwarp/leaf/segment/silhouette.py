@@ -15,8 +15,8 @@ import numpy as np
 
 from leafwarp.errors import InputError
 from leafwarp.leaf.image.photo import Photo
-from leafwarp.leaf.segment.background import Background, background_of, colour_distance
-from leafwarp.leaf.segment.candidates import LEAST_THRESHOLD, Guess, agreement, choose, guesses, is_grey
+from leafwarp.leaf.segment.background import Background, background_of, colour_distance, is_grey
+from leafwarp.leaf.segment.candidates import LEAST_THRESHOLD, Guess, agreement, choose, guesses
 from leafwarp.leaf.segment.growth import grow
 from leafwarp.leaf.segment.holes import find_holes
 from leafwarp.leaf.segment.likeness import Evidence, evidence, leafy
@@ -222,16 +222,15 @@ def _leaf_count(guess: Guess, look: np.ndarray, inside: np.ndarray, background: 
     size = (look.shape[1], look.shape[0])
     leaf = cv2.resize(inside.astype(np.float32), size, interpolation=cv2.INTER_AREA) > 0.0
     # A guess in one channel may not see a leaf of another colour, so all that differs from the background is asked.
-    grey = is_grey(look)
     limit = max(1.3 * background.grain, LEAST_THRESHOLD)
-    clear = colour_distance(look, background.shades(0.2, grey)) > limit
+    clear = colour_distance(look, background.shades(0.2)) > limit
     labels, areas = pieces_of(cv2.morphologyEx((clear | guess.seen).astype(np.uint8), cv2.MORPH_OPEN, np.ones((3, 3))))
     areas[np.unique(labels[leaf])] = 0
     count = 1
     for label in np.flatnonzero(areas >= LEAST_OTHER * np.count_nonzero(leaf)):
         piece = labels == label
-        whole = border_contact(piece) < 0.1 and (grey or leafy(look, piece)) and clear[piece].mean() > CLEAR
-        count += bool(whole and evidence(look, piece, grey, cut_share(piece)).likeness >= LEAST_CONFIDENCE)
+        whole = border_contact(piece) < 0.1 and (background.grey or leafy(look, piece)) and clear[piece].mean() > CLEAR
+        count += bool(whole and evidence(look, piece, background.grey, cut_share(piece)).likeness >= LEAST_CONFIDENCE)
     return count
 
 
@@ -249,7 +248,7 @@ def _best_guess(photo: Photo, look: np.ndarray) -> tuple[Guess, list[np.ndarray]
         if not found:
             continue
         guess, support = choose(found)
-        seen = evidence(look, guess.inside, is_grey(look), cut_share(guess.inside), background.colours)
+        seen = evidence(look, guess.inside, background.grey, cut_share(guess.inside), background.colours)
         cut_out = _cut_out(guess, support, background)
         confidence = cut_out * seen.likeness
         if _fills_picture(guess, look, background):

@@ -76,18 +76,24 @@ def vein_signs(directions: np.ndarray, candidates: np.ndarray) -> tuple[np.ndarr
         return np.zeros(len(candidates), complex), np.zeros(len(candidates))
     thinned = np.s_[:: max(1, len(rows) // POINTS)]
     points = np.column_stack([columns, rows])[thinned] + 0.5
-    lines = directions[rows, columns][thinned]
+    lines = directions[rows, columns][thinned].astype(complex)
     total = max(float(np.abs(lines).sum()), VISIBLE * len(lines), 1e-9)
     middle = points.mean(axis=0)
+    whole = lines.sum()
+    x, y = np.ascontiguousarray(points.T)
+    cosines, sines = lines.real.copy(), lines.imag.copy()
     means = np.zeros(len(candidates), complex)
     radiation = np.zeros(len(candidates))
     for index, candidate in enumerate(candidates):
         along, across = middle - candidate
-        right, down = (points - candidate).T
-        turned = lines * np.exp(-2j * np.arctan2(across, along))
-        mirrored = np.where(along * down > across * right, turned, turned.conj())
-        means[index] = mirrored.sum() / total
-        radiation[index] = (lines * np.exp(-2j * np.arctan2(down, right))).real.sum() / total
+        right, down = x - candidate[0], y - candidate[1]
+        turn = np.exp(-2j * np.arctan2(across, along))
+        one_side = turn * lines[along * down > across * right].sum()
+        means[index] = (one_side + (turn * whole - one_side).conj()) / total
+        # The doubled angle's cosine and sine by its tangent's parts; nothing radiates from the candidate's own pixel.
+        squares = right * right, down * down
+        radial = cosines * (squares[0] - squares[1]) + sines * (2.0 * right * down)
+        radiation[index] = (radial / np.maximum(squares[0] + squares[1], 1e-9)).sum() / total
     return means, radiation
 
 
@@ -111,11 +117,14 @@ def end_breadth(inside: np.ndarray, candidates: np.ndarray) -> tuple[np.ndarray,
     breadths, slenderness = np.zeros(len(candidates)), np.zeros(len(candidates))
     for index, candidate in enumerate(candidates):
         axis = (middle - candidate) / max(float(np.linalg.norm(middle - candidate)), 1e-9)
-        along = (points - candidate) @ axis
-        counts = np.histogram(along, bins=SLICES)[0]
+        along = points @ axis
+        along -= along.min()
+        length = float(along.max())
+        slices = (along * (SLICES / max(length, 1e-9))).astype(np.intp)
+        counts = np.bincount(np.minimum(slices, SLICES - 1), minlength=SLICES)
         ends = max(1, round(END * SLICES))
         breadths[index] = (counts[:ends].mean() - counts[-ends:].mean()) / counts.max()
-        slenderness[index] = np.ptp(along) ** 2 / (SLICES * area * counts.max())
+        slenderness[index] = length**2 / (SLICES * area * counts.max())
     return breadths, slenderness
 
 
@@ -125,13 +134,17 @@ def mirror_symmetry(inside: np.ndarray, candidates: np.ndarray) -> np.ndarray:
     points = (np.column_stack([columns, rows]) + 0.5)[:: max(1, len(rows) // POINTS)]
     middle = points.mean(axis=0)
     padded = np.pad(inside, 1)
+    height, width = padded.shape
+    offset = points - middle
+    right, down = np.ascontiguousarray(offset.T)
     shares = np.zeros(len(candidates))
     for index, candidate in enumerate(candidates):
         axis = (middle - candidate) / max(float(np.linalg.norm(middle - candidate)), 1e-9)
-        offset = points - middle
-        mirrored = middle + 2.0 * (offset @ axis)[:, None] * axis - offset
-        column, row = np.clip(np.floor(mirrored).astype(int) + 1, 0, np.array(padded.shape[::-1]) - 1).T
-        shares[index] = padded[row, column].mean()
+        twice = 2.0 * (offset @ axis)
+        # One past the middle of the padding's pixel, so that cutting a positive number off rounds it down.
+        column = np.clip(middle[0] + twice * axis[0] - right + 1.0, 0.0, width - 1.0).astype(np.intp)
+        row = np.clip(middle[1] + twice * axis[1] - down + 1.0, 0.0, height - 1.0).astype(np.intp)
+        shares[index] = np.count_nonzero(padded.take(row * width + column)) / len(points)
     return shares
 
 
@@ -152,13 +165,14 @@ def tooth_lean(polygon: np.ndarray, candidates: np.ndarray) -> np.ndarray:
     step = np.linalg.norm(points - np.roll(points, 1, axis=0), axis=1).mean()
     slope = np.clip((np.roll(height, -1) - np.roll(height, 1)) / (2.0 * step), -1.0, 1.0)
     spread = (np.mean(slope**2) + SMOOTH_SLOPE**2) ** 1.5
+    cubes = np.tile(slope**3, 2)
     leans = np.zeros(len(candidates))
     for index, candidate in enumerate(candidates):
-        start = int(np.argmin(np.linalg.norm(points - candidate, axis=1)))
-        end = int(np.argmax(np.linalg.norm(points - points[start], axis=1)))
+        start = int(np.argmin((x - candidate[0]) ** 2 + (y - candidate[1]) ** 2))
+        end = int(np.argmax((x - x[start]) ** 2 + (y - y[start]) ** 2))
         forth = (end - start) % TOOTH_POINTS
         # The corners at the base and at the tip are no teeth.
-        ahead = np.roll(slope, -start)[CORNER : max(CORNER, forth - CORNER)]
-        back = np.roll(slope, -end)[CORNER : max(CORNER, TOOTH_POINTS - forth - CORNER)]
-        leans[index] = (np.sum(back**3) - np.sum(ahead**3)) / (TOOTH_POINTS * spread)
+        ahead = cubes[start + CORNER : start + max(CORNER, forth - CORNER)]
+        back = cubes[end + CORNER : end + max(CORNER, TOOTH_POINTS - forth - CORNER)]
+        leans[index] = (np.sum(back) - np.sum(ahead)) / (TOOTH_POINTS * spread)
     return leans
