@@ -250,7 +250,7 @@ class UnsplitDiffusion(Stage):
             wp.copy(self._state.whole("unsplit_before"), self._state.whole("water"))
             self._is_begun = True
         if step is not self._alone:
-            _run(self._fill)
+            self._replay(self._fill)
         if self.system is None:
             try:
                 self._solve(step, is_new)
@@ -260,7 +260,7 @@ class UnsplitDiffusion(Stage):
                 self._take_factor()
         if self.system is not None:
             self._solve_by_factor(step)
-        _run(step.finish)
+        self._replay(step.finish)
 
     def _solve(self, step: _Step, is_new: bool) -> None:
         if is_new:
@@ -269,7 +269,7 @@ class UnsplitDiffusion(Stage):
                 self._state.whole(f"unsplit_{name}").zero_()
         else:
             self._guess.run()
-        _run(step.start)
+        self._replay(step.start)
         if self._error_over_limit() <= self._reach:
             self._iterate(step)
             self._learn()
@@ -317,7 +317,7 @@ class UnsplitDiffusion(Stage):
             if off <= limit:
                 return
             self._state.whole("unsplit_residual").zero_()
-            _run(step.start)
+            self._replay(step.start)
         raise NotConverged(
             f"after {MAXIMUM_PASSES} solves rounding still changes the contents by {off / limit:.3g} "
             f"times what fluid.tolerance = {self.scene.fluid.tolerance:g} accepts; {REMEDY}"
@@ -336,7 +336,7 @@ class UnsplitDiffusion(Stage):
         self._check()
 
     def _replay(self, commands: list[Command]) -> None:
-        """Run a part of an iteration as a graph, captured when it is first asked for."""
+        """Run a part of a step as a graph, captured when it is first asked for."""
         if id(commands) not in self._graphs:
             counted = self._state.launch_count
             with wp.ScopedCapture(device=self._state.device, force_module_load=False) as capture:
