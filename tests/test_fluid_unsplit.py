@@ -153,6 +153,41 @@ def test_a_factor_takes_over_from_iterations_that_do_not_end(monkeypatch: pytest
     assert np.abs(after[0] - after[1]).max() <= 10 * ROUNDING["float32"]
 
 
+@pytest.mark.parametrize("decades", [(17.0, 24.0), (25.0, 40.0)])
+def test_numbers_that_ran_over_do_not_stay_when_the_factor_takes_over(decades: tuple, device: str) -> None:
+    rng = np.random.default_rng(5)
+    mask = np.ones((12, 12), bool)
+    foot = np.zeros(mask.shape)
+    foot[0, :3] = 1.0
+    diffusivity = random_diffusivity(rng, mask.shape, decades)
+    most = float(diffusivity.max())
+    tables = {
+        "fluid": {"step": 1.0, "scheme": LEFT_OPEN, "lamina_diffusivity": 0.0, "vein_diffusivity": most},
+        "source": {"conductance": 1e-3},
+        "time": {"duration": 10.0, "frames": 2},
+    }
+    maps = {"venation": diffusivity / most, "source": foot, "water": rng.random(mask.shape)}
+    sample = make_sample(tables, mask, maps, (12.0, 12.0), device)
+    sample.fluid.advance(2.0)
+    assert sample.stages[NAME].system is not None
+    assert np.isfinite(sample.leaf_water).all()
+    assert abs(sample.fluid.ledger().error) < 1e-6
+
+
+def test_a_leaf_may_dry_out(device: str, precision: str) -> None:
+    """In the step in which the last water goes, the one before says nothing about what is left."""
+    mask, diffusivity = veined(24, 20, 100.0)
+    tables = {
+        "fluid": {"step": 60.0, "scheme": "iterated", "lamina_diffusivity": 1e-8, "vein_diffusivity": 1e-6},
+        "transpiration": {"rate": 4e-4},
+        "time": {"duration": 60.0 * 60, "frames": 2},
+    }
+    sample = make_sample(tables, mask, {"venation": diffusivity, "stomata": mask}, device=device, precision=precision)
+    sample.fluid.advance(60.0 * 60)
+    assert abs(sample.leaf_water).max() < 1e-6
+    assert abs(sample.fluid.ledger().error) < 1e-6
+
+
 def test_too_few_iterations_are_refused_with_a_remedy(monkeypatch: pytest.MonkeyPatch, device: str) -> None:
     monkeypatch.setattr(unsplit, "MAXIMUM_ITERATIONS", 3)
     mask, diffusivity = veined(30, 24, 100.0)

@@ -58,6 +58,33 @@ def test_errors_do_not_add_up_over_steps(veins: Callable[[], np.ndarray], device
     assert abs(sample.fluid.ledger().error) <= {"float32": 1e-6, "float64": 1e-14}[precision]
 
 
+def test_a_part_that_hardly_anything_reaches_is_accurate_too(device: str) -> None:
+    """A striped lobe behind a thin bridge: the steps' own residuals tell little of its slow modes."""
+    shape, bridge = (20, 138), np.s_[6, 26:29]
+    row, column = np.indices(shape)
+    mask = (column < 26) | (column > 28)
+    mask[bridge] = True
+    venation = np.where(column < 26, 3.7e-3, (row + column - 29) % 5 < 2)
+    venation[bridge] = 1e-4
+    stomata = np.where(column < 26, 0.1 + 0.9 * column / 25, 5e-3 * row / 19)
+    tolerance, steps = 2.5e-3, 40
+    tables = {
+        "transpiration": {"rate": 1.5e-6},
+        "time": {"duration": 60.0 * steps, "frames": 2},
+    }
+    fluid = {"step": 60.0, "lamina_diffusivity": 1e-11, "vein_diffusivity": 3.2e-5, "tolerance": tolerance}
+    maps = {"venation": venation * mask, "stomata": stomata * mask}
+    samples = [
+        make_sample(tables | {"fluid": fluid | {"scheme": scheme}}, mask, maps, device=device, precision="float64")
+        for scheme in ("iterated", "unsplit")
+    ]
+    for step in range(1, steps + 1):
+        for sample in samples:
+            sample.fluid.advance(60.0 * step)
+        after, expected = (sample.leaf_water for sample in samples)
+        assert np.linalg.norm(after - expected) <= tolerance**2 * np.linalg.norm(expected)
+
+
 def test_what_the_last_step_found_saves_iterations(device: str, precision: str) -> None:
     iterations = []
     for forgets in (False, True):

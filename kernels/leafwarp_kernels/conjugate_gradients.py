@@ -117,7 +117,7 @@ def start_iteration(
 
     Args:
         row_sum: Squared residual, squared right side and outflow, shape [SUM_COUNT, segment, ny].
-        tolerance: Norm of the residual to reach, over the norm of the right side.
+        tolerance: Norm of the error to reach, over the norm of the right side.
         coupled_count: Number of cells that the system couples with others; 1 where there is none.
         solver_out: Shape [SLOT_COUNT].
     """

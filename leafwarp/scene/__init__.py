@@ -166,7 +166,7 @@ class Scene(Table):
 
     @property
     def residual_tolerance(self) -> float:
-        """Relative residual at which the unsplit scheme stops, in the scene's precision."""
+        """Error of an unsplit step that is accepted, relative to the contents, in the scene's precision."""
         tolerance = self.fluid.tolerance
         return tolerance if self.solver.precision == "float32" else tolerance**2
 

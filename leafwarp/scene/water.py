@@ -41,7 +41,7 @@ class FluidTable(Table):
         description="How the unsplit scheme solves a step. conjugate_gradients: preconditioned with multigrid, all on "
         "the device. factor: a sparse factor, made once, on the host. Default: factor in float64, whose tolerance "
         "takes more iterations, and for many leaves; else conjugate_gradients, and factor from a step on that they do "
-        "not solve.",
+        "not solve (up to a million cells).",
     )
     lamina_diffusivity: Annotated[Diffusivity, Bounds(0.0, unit="m2/s")] = Field(
         1e-9, description="Diffusivity of water between the veins [m^2/s] (artistic)."
@@ -50,7 +50,10 @@ class FluidTable(Table):
         1e-7, description="Diffusivity of water along a vein of capacity 1 [m^2/s] (artistic)."
     )
     tolerance: Number = Field(
-        1e-5, gt=0.0, lt=1.0, description="Relative residual at which the unsplit scheme stops (float64: its square)."
+        1e-5,
+        gt=0.0,
+        lt=1.0,
+        description="Error of an unsplit step that is accepted, relative to the contents (float64: its square).",
     )
 
 

@@ -141,7 +141,7 @@ class State:
             raise ValueError(f"array '{spec.name}' is declared twice")
         dtype, shape = spec.dtype(self.precision), spec.allocated_shape
         memory = wp.zeros(int(np.prod(shape)) + 2 * spec.margin, dtype=dtype, device=self.device)
-        whole = memory[spec.margin : memory.shape[0] - spec.margin].reshape(shape)
+        whole = (memory[spec.margin : -spec.margin] if spec.margin else memory).reshape(shape)
         self._memory[spec.name] = memory
         self._whole[spec.name] = whole
         self._arrays[spec.name] = whole[tuple(map(slice, spec.shape))] if spec.padded else whole

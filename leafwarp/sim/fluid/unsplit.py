@@ -28,6 +28,7 @@ from leafwarp_kernels.conjugate_gradients import (
     HISTORY_COUNT,
     ITERATIONS,
     LIMIT_SQUARED,
+    RESIDUAL_SQUARED,
     SLOT_COUNT,
     SUM_COUNT,
     advance_solution,
@@ -51,12 +52,13 @@ MOST_CELLS_OF_FACTOR = 1 << 20
 MAXIMUM_PASSES = 6
 # Share of a residual that rounding may leave, in units of the last place.
 ROUNDING = 10.0
-# What the iterations have shown of the preconditioned system's least and largest eigenvalue is taken times these, as
-# soon as there were so many of them in one solve.
-LEAST_SAFETY, LARGEST_SAFETY = 0.7, 1.1
-TELLING_ITERATIONS = 3
-# Iterations of a solve whose numbers are kept.
+# What iterations have shown of the preconditioned system's least and largest eigenvalue is taken times these.
+LEAST_SAFETY, LARGEST_SAFETY = 0.9, 1.05
+# They are shown by a solve of noise, which excites all modes: until so little of it is left, or so many iterations.
+LEAST_NOISE = 1e-6
 LONGEST_HISTORY = 32
+# Iterations of a step from which on they may tell more.
+TELLING_ITERATIONS = 3
 # Iterations between two looks at the error from the host, which stall a GPU.
 ITERATIONS_PER_LOOK = 4
 
@@ -151,7 +153,7 @@ class UnsplitDiffusion(Stage):
         spec = ArraySpec("unsplit_sum", (SUM_COUNT, *self._dim), "float64", "sums of each segment of the rows")
         self.add_array(state, spec)
         self._record_step(state, float(np.count_nonzero(system.exchange)))
-        self.commands = [self._guess, *(command for part in self._alone for command in part)]
+        self.commands = [self._guess, *(command for part in self._alone[1:] for command in part)]
         self._solver = state["unsplit_solver"]
         self._iterations_per_look = ITERATIONS_PER_LOOK if state.device.is_cuda else 1
         self._reach = 1.0 / (ROUNDING * np.finfo(state.precision).eps)
@@ -263,19 +265,49 @@ class UnsplitDiffusion(Stage):
         self._replay(step.finish)
 
     def _solve(self, step: _Step, is_new: bool) -> None:
-        if is_new:
-            # What the last steps did says nothing about this one.
-            for name in ("change", "rounding", "residual"):
-                self._state.whole(f"unsplit_{name}").zero_()
-        else:
+        if not is_new:
             self._guess.run()
-        self._replay(step.start)
-        if self._error_over_limit() <= self._reach:
-            self._iterate(step)
-            self._learn()
-        else:
-            self._forget()
+            self._replay(step.start)
+        if is_new or self._error_over_limit() > self._reach:
+            # What the last steps did says nothing about this one.
+            self._zero("change", "rounding", "residual")
+            self._replay(step.start)
+        if self._error_over_limit() > self._reach:
             self._iterate_repeatedly(step)
+            return
+        # The first step of a system, often the one that moves the most, ends by the residual.
+        if self._error_over_limit() > 1.0 and not is_new and not self._is_probed:
+            self._probe(step)
+        self._iterate(step)
+        if self._is_probed:
+            self._learn()
+
+    def _zero(self, *names: str) -> None:
+        for name in names:
+            self._state.whole(f"unsplit_{name}").zero_()
+
+    def _probe(self, step: _Step) -> None:
+        """Learn the extreme eigenvalues from a solve of noise, and come back to the start of the step."""
+        kept = {name: self._state[name].numpy().copy() for name in ("unsplit_change", "unsplit_residual")}
+        numbers = self._solver.numpy().copy()
+        is_coupled = self._state["level_0_inverse_diagonal"].numpy() > 0.0
+        noise = np.where(is_coupled, np.random.default_rng(0).standard_normal(is_coupled.shape), 0.0)
+        squared = float(np.sum(noise**2))
+        limits = {ERROR_SQUARED: squared, RESIDUAL_SQUARED: squared, LIMIT_SQUARED: LEAST_NOISE**2 * squared}
+        self._state.upload("unsplit_residual", noise)
+        self._state.upload("unsplit_solver", np.array([limits.get(slot, 0.0) for slot in range(SLOT_COUNT)]))
+        _run(step.settle)
+        for _ in range(LONGEST_HISTORY):
+            self._replay(step.precondition)
+            self._replay(step.advance)
+            if not self._error_over_limit() > 1.0:
+                break
+        self._learn()
+        self._is_probed = True
+        for name, values in kept.items():
+            self._state.upload(name, values)
+        self._state.upload("unsplit_solver", numbers)
+        _run(step.settle)
 
     def _take_factor(self) -> None:
         """Solve this step and all after it by the factor."""
@@ -284,9 +316,8 @@ class UnsplitDiffusion(Stage):
         time_step = FluidSteps.of(self.scene).length
         self.system = ExchangeSystem(leaf_conductance(self.scene, self.leaf, time_step), self.leaf.mask, time_step)
         self._factorise()
-        # Where they have run over, they have left no numbers beside the map either.
-        for name in ("change", "rounding", "residual"):
-            self._state.whole(f"unsplit_{name}").zero_()
+        # Where they have run over, they have left no numbers beside the map either, nor sums.
+        self._zero("change", "rounding", "residual", "sum")
 
     def _factorise(self) -> None:
         excess = self._supply and self._state["source_exchange"].numpy().reshape(-1)[self.system.cells]
@@ -305,6 +336,7 @@ class UnsplitDiffusion(Stage):
         Rounding in the first iterations, when the residual is that large, may be far more than what is accepted, and
         the residual as the iteration knows it does not tell, nor does the energy that follows from it.
         """
+        self._state["unsplit_bounds"].zero_()
         rounding = ROUNDING * float(np.finfo(self._state.precision).eps)
         limit = math.sqrt(float(self._solver.numpy()[LIMIT_SQUARED]))
         limit *= max(1.0, rounding / self.scene.residual_tolerance)
@@ -315,8 +347,9 @@ class UnsplitDiffusion(Stage):
             before, found = found, self._state["unsplit_change"].numpy().copy()
             off = float(np.linalg.norm(found.astype(np.float64) - before))
             if off <= limit:
+                self._upload_bounds()
                 return
-            self._state.whole("unsplit_residual").zero_()
+            self._zero("residual")
             self._replay(step.start)
         raise NotConverged(
             f"after {MAXIMUM_PASSES} solves rounding still changes the contents by {off / limit:.3g} "
@@ -372,27 +405,28 @@ class UnsplitDiffusion(Stage):
             )
 
     def _forget(self) -> None:
-        """Bound the error by the residual alone."""
-        self._least_eigenvalue, self._largest_eigenvalue, self._slowest = math.inf, 0.0, 0.0
-        self._state["unsplit_bounds"].zero_()
+        """Bound the error by the residual alone, until the system is probed."""
+        self._is_probed = False
+        self._least_eigenvalue, self._largest_eigenvalue = math.inf, 0.0
+        self._upload_bounds()
 
     def _learn(self) -> None:
         """Bound the error by the energy, too, from what the iterations have shown of the preconditioned system."""
         count = int(self._solver.numpy()[ITERATIONS])
         if count < TELLING_ITERATIONS:
             return
-        step_length, improvement = self._state["unsplit_history"].numpy()[:, : min(count, LONGEST_HISTORY)]
-        least, largest = extreme_eigenvalues(step_length, improvement)
-        known = (self._least_eigenvalue, self._largest_eigenvalue, self._slowest)
-        learnt = (min(known[0], least), max(known[1], largest), max(known[2], float(improvement[1:].max())))
-        if learnt == known:
-            return
-        self._least_eigenvalue, self._largest_eigenvalue, self._slowest = least, largest, slowest = learnt
+        least, largest = extreme_eigenvalues(*self._state["unsplit_history"].numpy()[:, : min(count, LONGEST_HISTORY)])
+        if least < self._least_eigenvalue or largest > self._largest_eigenvalue:
+            self._least_eigenvalue = min(least, self._least_eigenvalue)
+            self._largest_eigenvalue = max(largest, self._largest_eigenvalue)
+            self._upload_bounds()
+
+    def _upload_bounds(self) -> None:
+        least, largest = LEAST_SAFETY * self._least_eigenvalue, LARGEST_SAFETY * self._largest_eigenvalue
         bounds = np.zeros(BOUND_COUNT)
-        if least > 0.0 and math.isfinite(largest):
-            condition = LARGEST_SAFETY * largest / (LEAST_SAFETY * least)
-            bounds[BOUND_ENERGY] = 1.0 / (LEAST_SAFETY * least)
-            bounds[BOUND_CONTRACTION] = min(((condition - 1.0) / (condition + 1.0)) ** 2, slowest)
+        if 0.0 < least < math.inf and largest < math.inf:
+            bounds[BOUND_ENERGY] = 1.0 / least
+            bounds[BOUND_CONTRACTION] = ((largest - least) / (largest + least)) ** 2
         self._state.upload("unsplit_bounds", bounds)
 
 
