@@ -72,7 +72,7 @@ def test_unsplit(capsys: pytest.CaptureFixture) -> None:
     ]  # fmt: skip
     for row in rows:
         assert number(row["split step [ms]"]) > 0.0 and float(row["iterations a step"]) < 20.0
-        # Both stop at a residual of 1e-5 of the contents.
+        # Both are accurate to 1e-5 of the contents.
         assert float(row["relative difference of the two"]) < 1e-5
 
 
