@@ -19,8 +19,10 @@ import scipy.sparse as sparse
 from scipy.sparse.csgraph import connected_components
 from scipy.sparse.linalg import splu
 
-from leafwarp.sim.fluid.conductance import FaceConductance
-from leafwarp.sim.fluid.steps import NotConverged
+from leafwarp.leaf.leaf import Leaf
+from leafwarp.scene import Scene
+from leafwarp.sim.fluid.conductance import FaceConductance, leaf_conductance
+from leafwarp.sim.fluid.steps import FluidSteps, NotConverged
 
 MAXIMUM_SOLVES = 12
 # No step can be asked to be more accurate, relative to the contents.
@@ -67,6 +69,16 @@ class ExchangeSystem:
         self._region_size = np.bincount(self._region)
         self._excess = np.zeros(count)
         self._factor = None
+
+    @classmethod
+    def of(cls, scene: Scene, leaf: Leaf) -> ExchangeSystem:
+        """The system of a scene's fluid step, without its source."""
+        time_step = FluidSteps.of(scene).length
+        return cls(leaf_conductance(scene, leaf, time_step), leaf.mask, time_step)
+
+    def on_cells(self, values: np.ndarray) -> np.ndarray:
+        """Values of the leaf's cells, shape [cell_count], from those of the map, shape [ny, nx]."""
+        return values.reshape(-1)[self.cells]
 
     @property
     def byte_count(self) -> int:

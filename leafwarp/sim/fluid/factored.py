@@ -6,10 +6,8 @@ import numpy as np
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
-from leafwarp.sim.fluid.conductance import leaf_conductance
 from leafwarp.sim.fluid.exchange import ExchangeSystem
 from leafwarp.sim.fluid.lines import diffusion_supply
-from leafwarp.sim.fluid.steps import FluidSteps
 from leafwarp.sim.launch import State
 from leafwarp.sim.stage import Interval, Stage
 
@@ -46,9 +44,7 @@ class FactoredDiffusion(Stage):
 
     def bind(self, state: State) -> None:
         self._state = state
-        time_step = FluidSteps.of(self.scene).length
-        conductance = leaf_conductance(self.scene, self.leaf, time_step)
-        self.system = ExchangeSystem(conductance, self.leaf.mask, time_step)
+        self.system = ExchangeSystem.of(self.scene, self.leaf)
         if self._supply is not None:
             self.commands = list(self._supply.record(self, state, "x"))
 
@@ -64,7 +60,7 @@ class FactoredDiffusion(Stage):
         commands = []
         if self._supply is not None:
             if self._supply.opening.update(interval):
-                self.system.factorise(self._on_leaf("source_exchange"))
+                self.system.factorise(self.system.on_cells(self._state["source_exchange"].numpy()))
             if self._supply.opening.seconds > 0.0:
                 commands = self.commands
         for command in commands[:1]:
@@ -73,11 +69,8 @@ class FactoredDiffusion(Stage):
         for command in commands[1:]:
             command.run()
 
-    def _on_leaf(self, name: str) -> np.ndarray:
-        return self._state[name].numpy().reshape(-1)[self.system.cells]
-
     def _solve(self) -> None:
-        content = self._on_leaf("water").astype(np.float64)
+        content = self.system.on_cells(self._state["water"].numpy()).astype(np.float64)
         after = np.zeros(self.leaf.mask.shape)  # cells off the leaf hold no water
         after.reshape(-1)[self.system.cells] = self.system.step(content, self.scene.residual_tolerance)
         self._state.upload("water", after)

@@ -313,18 +313,17 @@ class UnsplitDiffusion(Stage):
         """Solve this step and all after it by the factor."""
         from leafwarp.sim.fluid.exchange import ExchangeSystem
 
-        time_step = FluidSteps.of(self.scene).length
-        self.system = ExchangeSystem(leaf_conductance(self.scene, self.leaf, time_step), self.leaf.mask, time_step)
+        self.system = ExchangeSystem.of(self.scene, self.leaf)
         self._factorise()
         # Where they have run over, they have left no numbers beside the map either, nor sums.
         self._zero("change", "rounding", "residual", "sum")
 
     def _factorise(self) -> None:
-        excess = self._supply and self._state["source_exchange"].numpy().reshape(-1)[self.system.cells]
+        excess = self._supply and self.system.on_cells(self._state["source_exchange"].numpy())
         self.system.factorise(excess)
 
     def _solve_by_factor(self, step: _Step) -> None:
-        content = self._state["water"].numpy().reshape(-1)[self.system.cells].astype(np.float64)
+        content = self.system.on_cells(self._state["water"].numpy()).astype(np.float64)
         change = np.zeros(self.leaf.mask.shape)
         change.reshape(-1)[self.system.cells] = self.system.step(content, self.scene.residual_tolerance) - content
         self._state.upload("unsplit_change", change)
