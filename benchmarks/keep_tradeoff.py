@@ -1,6 +1,6 @@
-"""Keep the result of ``python -m leafwarp tradeoff`` as a section of RESULTS.md.
+"""Keep the results of ``python -m leafwarp tradeoff`` as a section of RESULTS.md.
 
-``python -m benchmarks.keep_tradeoff DIR`` with the folder that the study wrote.
+``python -m benchmarks.keep_tradeoff DIR ...`` with the folders that the studies wrote, one a scene.
 """
 
 from __future__ import annotations
@@ -10,35 +10,39 @@ import sys
 from pathlib import Path
 
 from benchmarks.results import describe_machine, write_section
-from leafwarp.study.plot import format_time
-from leafwarp.study.table import Row, markdown
-from leafwarp.study.tradeoff import NOT_CONVERGED
+from leafwarp.study.tradeoff.plot import format_time
+from leafwarp.study.tradeoff.table import Row, markdown
 
 TITLE = "The trade: seconds against accuracy"
+HEADER = (
+    "A star marks an error below the reference's own. Seconds: wall time of the film, without what is done once before "
+    "it. Water error: relative L2; shape error: root mean square distance of a thousand points of the leaf, as a share "
+    "of its length; both over 25 frames. Of each scene, the settings on one of both fronts, and those with a name.\n\n"
+)
 
 
 def describe(result: dict) -> str:
-    """The section's text."""
+    """A scene's part of the section."""
     rows = [Row(**row) for row in result["settings"]]
-    measured = sorted((row for row in rows if row.measured), key=lambda row: row.fluid_seconds)
+    measured = sorted((row for row in rows if row.measured), key=lambda row: row.seconds)
+    shown = [row for row in measured if row.name or row.water_pareto or row.shape_pareto]
     film, whole = result["playback_seconds"], result["scene_playback_seconds"]
     reference, own = result["reference"], result["reference"]["own_errors"]
-    width, height = reference["map_size"]
-    budget = format_time(result["budget_seconds"])
-    doubt = "" if reference["converged"] else f" **The reference is not converged**: {NOT_CONVERGED}."
+    shorter = "" if film > 0.99 * whole else f", in a film of {film:.2g} s instead of {whole:.3g} s"
     return (
-        f"`{result['scene']}`, {result['plant_seconds'] / 3600.0:g} h of drying, compared at "
-        f"{result['frames']} frames of a film of {film:.2g} s (the scene's has {whole:.3g} s). Reference: "
-        f"{width} x {height}, step {format_time(reference['step'])}, unsplit, float64; its own errors, "
-        f"against half the map plus against twice the step: water {own['water_error']:.2g}, "
-        f"shape {own['shape_error']:.2g}. A star marks an error below these. Water error: relative L2. Shape "
-        f"error: root mean square, as a share of the leaf's length.{doubt}\n\n"
-        f"{markdown(measured)}\n"
-        f"Left out for want of budget: {len(rows) - len(measured)} of {len(rows)} settings.\n\n"
-        f'Command: `python -m leafwarp tradeoff scenes/{result["scene"]}.toml -o DIR --budget "{budget}"`. '
-        f"Machine, shared with other work: {describe_machine(result['device']['alias'])}.\n"
+        f"### {result['scene']}\n\n"
+        f"{result['plant_seconds'] / 3600.0:g} h of drying{shorter}. Reference: {reference['in_words']}; its own "
+        f"errors: water {own['water_error']:.2%}, shape {own['shape_error']:.2%}"
+        f"{'' if reference['converged'] else ' (**not converged**)'}.\n\n"
+        f"{markdown(shown)}\n"
+        + "".join(f"- {sentence}\n" for sentence in result["summary"])
+        + f"\nComputed {len(measured)} of {len(rows)} settings, the others for want of time or refused: "
+        f"`python -m leafwarp tradeoff scenes/{result['scene']}.toml -o DIR --budget "
+        f'"{format_time(result["budget_seconds"])}"`.\n\n'
     )
 
 
 if __name__ == "__main__":
-    write_section(TITLE, describe(json.loads((Path(sys.argv[1]) / "tradeoff.json").read_text())))
+    results = [json.loads((Path(folder) / "tradeoff.json").read_text()) for folder in sys.argv[1:]]
+    machine = f"Machine, shared with other work: {describe_machine(results[0]['device']['alias'])}.\n"
+    write_section(TITLE, HEADER + "".join(map(describe, results)) + machine)

@@ -192,7 +192,7 @@ def _plan(arguments: argparse.Namespace) -> None:
 
 
 def _tradeoff(arguments: argparse.Namespace) -> None:
-    from leafwarp.study.tradeoff import run_tradeoff
+    from leafwarp.study.tradeoff.study import run_tradeoff
 
     table = run_tradeoff(
         _load_scene(arguments),

@@ -33,7 +33,7 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
     intervals = max(scene.time.frames - 1, 1)
     moments = [moment for frame in range(2, scene.time.frames + 1) for moment in simulation.moments(frame)]
     couplings = sum(len(moment.looks) for moment in moments) / intervals
-    motions = sum(moment.on_path + moment.moves for moment in moments) / intervals
+    motions = sum(moment.on_path + (moment.share > 0.0) for moment in moments) / intervals
     fluid_steps = simulation.fluid.steps.count if simulation.fluid is not None and scene.time.frames > 1 else 0
     runs = {
         "start": 0.0,

@@ -11,7 +11,6 @@ from leafwarp.errors import SimulationError
 from leafwarp.sim.implicit import NotConverged
 from leafwarp.sim.implicit import motion as implicit_motion
 from leafwarp.sim.implicit import newton as newton_module
-from leafwarp.sim.implicit.motion import STEP_ACCURACY
 from leafwarp.sim.implicit.newton import Accuracy
 from leafwarp.sim.motion import make_motion
 from meshes import leaf_of, mesh_of, one_triangle, scene_of, strip
@@ -242,7 +241,7 @@ def test_a_converged_step_balances_its_forces(device):
     motion.advance(FRAME, 1)
     stage = rig.stage("implicit_motion")
     found = stage.potential.evaluate(rig.state["base_position"].numpy())
-    assert found.residual <= STEP_ACCURACY.force * found.mean_action
+    assert found.residual <= motion.step_accuracy.force * found.mean_action
     np.testing.assert_array_equal(rig.get("position"), rig.get("base_position"))
 
 

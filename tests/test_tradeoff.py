@@ -1,8 +1,9 @@
-"""The measured trade: metrics, Pareto front, budget, table."""
+"""The measured trade: what is computed, compared and kept."""
 
 from __future__ import annotations
 
 import csv
+import dataclasses
 import json
 from pathlib import Path
 
@@ -12,34 +13,65 @@ import pytest
 from leafwarp.cli import main
 from leafwarp.errors import InputError
 from leafwarp.scene.file import load_scene
-from leafwarp.study import tradeoff
-from leafwarp.study.metrics import (
-    errors_fall_with_the_step,
-    largest_water_error,
-    pareto_front,
-    relative_water_error,
-    shape_error,
-)
-from leafwarp.study.reference import ErrorModel, choose_reference, unsplit_settings
-from leafwarp.study.trial import film_seconds, trial_scene
+from leafwarp.study.tradeoff import study, worker
+from leafwarp.study.tradeoff.reference import TIGHT_FORCE_TOLERANCE, first_setting
+from leafwarp.study.tradeoff.setting import Setting, single_changes
+from leafwarp.study.tradeoff.study import run_tradeoff
+from leafwarp.study.tradeoff.trial import Trial
+from leafwarp.study.tradeoff.worker import Request, TrialFailed, compute_apart, compute_here
 
-MAPS = (16, 32)
-STEP_FACTORS = (0.5, 4.0)
-# Both float32 schemes round and stop their iterations well below this.
-PRECISION_TOLERANCE = 1e-3
+# Seconds of the made-up clock that stands for a study of every setting.
+PLENTY = 1000.0
+SMALLER = ("mesh.vertices=60", "maps.size=16", "time.frames=5")
 
 
-def run(scene_file: Path, output: Path, changes: tuple[str, ...] = (), **arguments) -> dict:
-    scene = load_scene(scene_file, changes)
-    options = {"budget": 600.0, "maps": MAPS, "step_factors": STEP_FACTORS, "quiet": True} | arguments
-    return tradeoff.run_tradeoff(scene, output, **options)
+class Counting:
+    """Computes trials in this process and counts them; may be told to fail or to be interrupted."""
+
+    def __init__(self, fails=lambda scene: None, interrupted_after: int | None = None):
+        self.requests: list[Request] = []
+        self._fails, self._interrupted_after = fails, interrupted_after
+
+    def __call__(self, request: Request, seconds: float) -> Trial:
+        if len(self.requests) == self._interrupted_after:
+            raise KeyboardInterrupt
+        self.requests.append(request)
+        message = self._fails(request.scene)
+        if message:
+            raise TrialFailed(message)
+        return compute_here(request, seconds)
+
+
+def few_singles(scene):
+    """Of the choices, one of each kind."""
+    base = Setting.of(scene)
+    yield from (base, base.scaled_map(2.0), base.with_(scheme="unsplit"), base.with_(fluid_step=2400.0))
+    yield from (base.with_(vertices=240), base.with_(angular_springs=False), base.with_(motion="quasistatic"))
+    yield from (base.with_(coupling_interval=7200.0), base.with_(substep=0.45), base.with_(precision="float64"))
 
 
 @pytest.fixture(scope="module")
-def folder(small_scene: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a whole study of the small scene, with budget for every setting."""
+def quick():
+    """A study that looks no further than it must: the reference is what the search begins with."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study, "single_changes", few_singles)
+        patch.setattr(study, "REFERENCE_SHARE", 0.0)
+        yield
+
+
+def run(scene_file: Path, output: Path, cache: Path, changes: tuple[str, ...] = (), **arguments) -> dict:
+    scene = load_scene(scene_file, changes)
+    options = {"budget": PLENTY, "quiet": True, "compute": compute_here, "cache": cache} | arguments
+    return run_tradeoff(scene, output, **options)
+
+
+@pytest.fixture(scope="module")
+def folder(small_scene: Path, quick, leaf_cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a whole study of the small scene."""
     folder = tmp_path_factory.mktemp("trade")
-    run(small_scene, folder)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study, "combinations", lambda *arguments: [])
+        run(small_scene, folder, leaf_cache)
     return folder
 
 
@@ -48,73 +80,112 @@ def result(folder: Path) -> dict:
     return json.loads((folder / "tradeoff.json").read_text())
 
 
-def row_of(result: dict, **wanted) -> dict:
-    rows = [row for row in result["settings"] if all(row[name] == value for name, value in wanted.items())]
-    assert len(rows) == 1
-    return rows[0]
+def row_of(result: dict, varied: str) -> dict:
+    (row,) = [row for row in result["settings"] if row["varied"] == varied]
+    return row
 
 
-def test_every_setting_is_measured_and_the_reference_has_no_error(result: dict) -> None:
-    assert len(result["settings"]) == len(MAPS) * len(STEP_FACTORS) * 2 * 2
+def test_every_choice_is_measured(result: dict) -> None:
+    assert result["settings"][0]["varied"] == "as written"
+    assert {row["varied"] for row in result["settings"]} == {
+        "as written", "maps.size = [48, 64]", "fluid.scheme = unsplit", "fluid.step = 2400", "mesh.vertices = 240",
+        "no angular springs", "motion.method = quasistatic", "solver.coupling_interval = 7200", "solver.substep = 0.45",
+        "solver.precision = float64",
+    }  # fmt: skip
     for row in result["settings"]:
-        assert row["status"] in ("done", "reference")
+        assert row["status"] == "done"
         assert 0.0 < row["fluid_seconds"] < row["seconds"]
+        assert row["seconds"] > row["motion_seconds"] > 0.0
+        assert row["seconds_per_second"] == pytest.approx(row["seconds"] / (8 / 24))
         assert abs(row["ledger_error"]) < 1e-5
         assert row["motion_substeps"] > 0
-    (reference,) = [row for row in result["settings"] if row["status"] == "reference"]
-    chosen = result["reference"]
-    assert (reference["map_width"], reference["map_height"]) == tuple(chosen["map_size"]) == (24, 32)
-    assert reference["fluid_step"] == chosen["step"] == 300.0
+        assert 0.0 < row["shape_error"] <= row["largest_shape_error"]
+        assert 0.0 < row["water_error"] and 0.0 < row["largest_water_error"] < 1.0
+        assert len(row["water_over_time"]) == len(row["shape_over_time"]) == 9
+        # A mean of squares over the frames. The first shows the photographed leaf, but that of an equilibrium.
+        assert row["shape_error"] == pytest.approx(np.sqrt(np.mean(np.square(row["shape_over_time"]))))
+        assert (row["shape_over_time"][0] < 1e-3) == (row["motion"] == "explicit")
+
+
+def test_choices_do_what_they_say(result: dict) -> None:
+    own = row_of(result, "as written")
+    assert row_of(result, "mesh.vertices = 240")["vertices"] > 1.8 * own["vertices"]
+    assert row_of(result, "fluid.step = 2400")["fluid_steps"] == 12 and own["fluid_steps"] == 48
+    assert row_of(result, "solver.substep = 0.45")["motion_substeps"] > 1.9 * own["motion_substeps"]
+    # Both round, and stop their iterations, well below this.
+    assert row_of(result, "solver.precision = float64")["water_error"] == pytest.approx(own["water_error"], abs=1e-3)
+    # What leaves the water alone leaves its error alone.
+    for varied in ("no angular springs", "mesh.vertices = 240", "solver.substep = 0.45"):
+        assert row_of(result, varied)["water_error"] == own["water_error"]
+    assert row_of(result, "no angular springs")["shape_error"] > 2.0 * own["shape_error"]
+    # A structure that hears of the water at every second frame, or a step that is four times as long.
+    assert row_of(result, "solver.coupling_interval = 7200")["water_error"] > own["water_error"]
+    assert row_of(result, "fluid.step = 2400")["water_error"] > own["water_error"]
+
+
+def test_the_reference_says_how_far_it_is_from_the_truth(result: dict) -> None:
+    reference = result["reference"]
     assert (reference["scheme"], reference["precision"]) == ("unsplit", "float64")
-    assert reference["water_error"] == reference["largest_water_error"] == reference["shape_error"] == 0.0
-
-
-def test_errors_shrink_with_refinement(result: dict) -> None:
-    def error(cells: int, step: float, scheme: str = "unsplit", kind: str = "water") -> float:
-        row = row_of(result, map_height=cells, fluid_step=step, scheme=scheme, precision="float64")
-        return row[f"{kind}_error"]
-
+    assert [refinement["kind"] for refinement in reference["refinements"]] == ["map", "step", "coupling"]
+    own = reference["own_errors"]
     for kind in ("water", "shape"):
-        assert error(32, 300.0, kind=kind) < error(32, 2400.0, kind=kind) < error(16, 2400.0, kind=kind)
-        # On the coarse map the map's own error rules, whatever the step; a finer map mends it.
-        assert error(32, 300.0, kind=kind) < error(16, 300.0, kind=kind)
-    assert error(32, 300.0, "split") < error(32, 2400.0, "split")
-    # The splitting adds its own error to that of the step.
-    assert error(32, 300.0, "split") > error(32, 300.0)
-
-
-def test_both_precisions_agree(result: dict) -> None:
-    for row in result["settings"]:
-        other = row_of(
-            result, map_width=row["map_width"], fluid_step=row["fluid_step"], scheme=row["scheme"],
-            precision={"float32": "float64", "float64": "float32"}[row["precision"]],
-        )  # fmt: skip
-        assert row["water_error"] == pytest.approx(other["water_error"], abs=PRECISION_TOLERANCE)
-
-
-def test_settings_below_the_references_own_error_are_marked(result: dict) -> None:
-    for kind in ("water", "shape"):
-        own = result["reference"]["own_errors"][f"{kind}_error"]
-        assert own > 0.0
+        assert own[f"{kind}_error"] == pytest.approx(sum(r[kind] for r in reference["refinements"]))
+        assert own[f"{kind}_error"] > 0.0
         for row in result["settings"]:
-            assert row[f"{kind}_within_reference"] == (row[f"{kind}_error"] < own)
-        on_front = [row for row in result["settings"] if row[f"{kind}_pareto"]]
-        assert min(result["settings"], key=lambda row: row["fluid_seconds"]) in on_front
+            assert row[f"{kind}_within_reference"] == (row[f"{kind}_error"] < own[f"{kind}_error"])
+        assert any(row[f"{kind}_pareto"] for row in result["settings"])
 
 
-def test_csv_and_json_say_the_same(folder: Path, result: dict) -> None:
+def test_the_search_refines_what_changes_the_most(small_scene: Path, leaf_cache: Path, tmp_path: Path, quick) -> None:
+    """A made-up scene of which map, step and mesh leave errors of first order."""
+    from leafwarp.study.tradeoff.reference import find_reference
+
+    def run_made_up(setting: Setting, seconds: float) -> Trial:
+        error = 0.4 / setting.map_size[1] + setting.fluid_step / 1e7 + 0.02 / setting.vertices**0.5
+        points = np.zeros((2, 4, 3))
+        points[1, :, 2] = error
+        return Trial(points, np.ones((2, 4)), 0, 1, 1, 0, 1, 1, 0, 0, setting.vertices)
+
+    clock = iter(range(1000))
+    reference = find_reference(
+        load_scene(small_scene), 1.0, run_made_up, lambda setting: setting.cells / 1e5,
+        lambda: 30.0 - next(clock), lambda text: None,
+    )  # fmt: skip
+    kinds = [refinement.kind for refinement in reference.refinements]
+    # Of sixty vertices there is no coarser mesh; the coupling is without any error here.
+    assert kinds[:5] == ["map", "step", "coupling", "mesh", "map"] and "mesh" in kinds[5:]
+    assert reference.is_converged
+    left = 0.4 / reference.setting.map_size[1] + reference.setting.fluid_step / 1e7
+    left += 0.02 / reference.setting.vertices**0.5
+    assert 0.5 * left < reference.own_shape_error < 2.0 * left
+    # Nothing that is left would change more than the last of each kind did.
+    assert max(r.size for r in reference.last.values()) < reference.refinements[0].size / 2.0
+
+
+def test_csv_json_and_text_say_the_same(folder: Path, result: dict) -> None:
     with (folder / "tradeoff.csv").open() as file:
         lines = list(csv.DictReader(file))
     assert len(lines) == len(result["settings"])
     for line, row in zip(lines, result["settings"], strict=True):
-        assert set(line) == set(row)
-        for name, value in row.items():
+        assert set(line) == set(row) - {"water_over_time", "shape_over_time"}
+        for name, text in line.items():
+            value = row[name]
             if isinstance(value, bool):
-                assert line[name] == str(value).lower()
+                assert text == str(value).lower()
             elif isinstance(value, float):
-                assert float(line[name]) == pytest.approx(value, rel=1e-5)
+                assert float(text) == pytest.approx(value, rel=1e-5)
             else:
-                assert line[name] == str(value)
+                assert text == ("" if value is None else str(value))
+    assert (folder / "tradeoff.txt").read_text().splitlines() == result["summary"]
+
+
+def test_the_text_names_what_costs_error_and_what_buys_speed(result: dict) -> None:
+    own = row_of(result, "as written")
+    best = min(result["settings"], key=lambda row: row["shape_error"])
+    text = "\n".join(result["summary"])
+    assert f"{own['seconds']:.3g} s" in text
+    if best["shape_error"] < 0.8 * own["shape_error"]:
+        assert f"costs the most error: with {best['varied']}" in text
 
 
 def test_the_plot_is_a_picture(folder: Path) -> None:
@@ -124,72 +195,134 @@ def test_the_plot_is_a_picture(folder: Path) -> None:
     picture = cv2.imread(str(folder / "tradeoff.png"))
     assert picture.shape[0] > 500 and picture.shape[1] > 1000
     for red, green, blue in ((0xC2, 0x57, 0x1A), (0x1F, 0x6F, 0x8B)):  # both schemes are drawn
-        assert (picture == (blue, green, red)).all(axis=2).sum() > 200
+        assert (picture == (blue, green, red)).all(axis=2).sum() > 100
 
 
-def test_what_the_budget_does_not_pay_is_listed_as_skipped(small_scene: Path, prepared_folder: Path) -> None:
-    result = run(small_scene, prepared_folder, budget=0.001)
-    assert (result["reference"]["map_size"], result["reference"]["step"]) == ((6, 8), 2400.0)
+def test_what_the_budget_does_not_pay_is_listed(small_scene: Path, tmp_path: Path, leaf_cache: Path, quick) -> None:
+    result = run(small_scene, tmp_path, leaf_cache, SMALLER, budget=1e-3)
     skipped = [row for row in result["settings"] if row["status"] == "skipped: budget"]
-    assert len(skipped) == len(result["settings"])
-    assert not (prepared_folder / "tradeoff.png").exists()
+    assert len(skipped) == len(result["settings"]) - 1  # the scene as written was computed first of all
     assert all(row["predicted_seconds"] > 0.0 and row["water_error"] is None for row in skipped)
     assert not any(row["water_pareto"] for row in skipped)
-    lines = (prepared_folder / "tradeoff.csv").read_text().splitlines()
-    assert sum("skipped: budget" in line for line in lines) == len(skipped)
 
 
-def test_rows_are_kept_when_the_study_is_interrupted(small_scene: Path, prepared_folder: Path, monkeypatch) -> None:
-    append, written = tradeoff.append_row, []
-
-    def interrupted(path: Path, row) -> None:
-        append(path, row)
-        written.append(row)
-        if len(written) == 2:
-            raise KeyboardInterrupt
-
-    monkeypatch.setattr(tradeoff, "append_row", interrupted)
+def test_an_interrupted_study_goes_on_where_it_stopped(
+    small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch
+) -> None:
+    monkeypatch.setattr(study, "combinations", lambda *arguments: [])
+    first = Counting(interrupted_after=9)
     with pytest.raises(KeyboardInterrupt):
-        run(small_scene, prepared_folder, maps=(16,))
-    with (prepared_folder / "tradeoff.csv").open() as file:
-        lines = list(csv.DictReader(file))
-    assert [line["status"] for line in lines] == [row.status for row in written]
+        run(small_scene, tmp_path, leaf_cache, SMALLER, compute=first)
+    assert len((tmp_path / "tradeoff.csv").read_text().splitlines()) > 1
+    assert not (tmp_path / "tradeoff.json").exists()
+    second = Counting()
+    resumed = run(small_scene, tmp_path, leaf_cache, SMALLER, compute=second)
+    assert not {request.result for request in first.requests} & {request.result for request in second.requests}
+    whole = run(small_scene, tmp_path / "whole", leaf_cache, SMALLER)
+    assert len(first.requests) + len(second.requests) == len(list((tmp_path / "whole" / "trials").glob("*.npz")))
+    for row in resumed["settings"]:
+        other = row_of(whole, row["varied"])
+        assert (row["water_error"], row["shape_error"]) == (other["water_error"], other["shape_error"])
 
 
-def test_a_setting_that_fails_stays_in_the_table(small_scene: Path, prepared_folder: Path, monkeypatch) -> None:
-    from leafwarp.errors import SimulationError
-
-    run_trial = tradeoff.run_trial
-
-    def failing(scene, leaf, setting, *rest):
-        if setting.precision == "float32":
-            raise SimulationError(2, "motion", "too hard")
-        return run_trial(scene, leaf, setting, *rest)
-
-    monkeypatch.setattr(tradeoff, "run_trial", failing)
-    result = run(small_scene, prepared_folder, maps=(16,), step_factors=(4.0,))
-    assert sorted(row["status"] for row in result["settings"]) == [
-        "done", "failed: frame 2: motion: too hard", "failed: frame 2: motion: too hard", "reference",
-    ]  # fmt: skip
-
-
-def test_a_scene_without_flowing_water_is_refused(photo: Path, tmp_path: Path, capsys) -> None:
-    scene = tmp_path / "still.toml"
-    scene.write_text(
-        f'[leaf]\nimage = "{photo}"\nlength = 0.08\n[time]\nduration = 10\n[water]\ncurve = [[0, 1.0]]\n'
-        "[structure]\nmembrane_stiffness = 5.0\n"
-    )
-    assert main(["tradeoff", str(scene), "-o", str(tmp_path / "out"), "-q"]) == 2
-    message = capsys.readouterr().err
-    assert "[fluid]" in message and "[water]" in message and "Traceback" not in message
-    assert not (tmp_path / "out").exists()
-
-
-def test_an_existing_table_is_kept_unless_overwritten(folder: Path, small_scene: Path) -> None:
+def test_a_study_of_another_scene_is_not_continued(small_scene: Path, folder: Path, leaf_cache: Path, quick) -> None:
     before = (folder / "tradeoff.csv").read_bytes()
-    with pytest.raises(InputError, match="--overwrite"):
-        run(small_scene, folder)
+    with pytest.raises(InputError, match=r"finished study; --overwrite"):
+        run(small_scene, folder, leaf_cache)
+    (folder / "tradeoff.json").rename(folder / "kept.json")
+    with pytest.raises(InputError, match=r"another scene.*--overwrite"):
+        run(small_scene, folder, leaf_cache, SMALLER)
+    (folder / "kept.json").rename(folder / "tradeoff.json")
     assert (folder / "tradeoff.csv").read_bytes() == before
+
+
+def test_a_setting_that_fails_stays_in_the_table(small_scene: Path, tmp_path: Path, leaf_cache: Path, quick) -> None:
+    def fails(scene: dict) -> str | None:
+        return "frame 2: motion: too hard" if scene["motion"].get("method") == "quasistatic" else None
+
+    result = run(small_scene, tmp_path, leaf_cache, SMALLER, compute=Counting(fails))
+    row = row_of(result, "motion.method = quasistatic")
+    assert row["status"] == "failed: frame 2: motion: too hard" and row["seconds"] is None
+    assert row_of(result, "as written")["status"] == "done"
+
+
+def test_several_shapes_are_said_instead_of_an_error(
+    small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch
+) -> None:
+    monkeypatch.setattr(study, "ONE_SHAPE", 1e-12)
+    result = run(small_scene, tmp_path, leaf_cache, SMALLER)
+    assert not result["reference"]["one_shape"] and result["reference"]["moved_by_camber"] > 0.0
+    assert any("does not settle on one shape" in sentence for sentence in result["summary"])
+    for row in result["settings"]:
+        assert row["water_error"] is not None and row["shape_error"] is None and row["shape_pareto"] is None
+    assert (tmp_path / "tradeoff.csv").exists()
+
+
+def test_a_long_film_is_shortened(small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch) -> None:
+    monkeypatch.setattr(study, "FILM_SHARE", 1e-9)
+    monkeypatch.setattr(study, "single_changes", lambda scene: [])
+    monkeypatch.setattr(study, "combinations", lambda *arguments: [])
+    counting = Counting()
+    result = run(small_scene, tmp_path, leaf_cache, ("mesh.vertices=60", "time.frames=60"), compute=counting)
+    assert [request.scene["time"]["frames"] for request in counting.requests][:2] == [60, 25]
+    assert result["playback_seconds"] == 1.0 and result["scene_playback_seconds"] == pytest.approx(59 / 24)
+    assert len(result["sampled_frames"]) == 25
+
+
+def test_a_scene_whose_water_is_prescribed(small_scene: Path, tmp_path: Path, leaf_cache: Path, quick) -> None:
+    text = Path(small_scene).read_text()
+    head, rest = text.split("[fluid]")
+    water = '[water]\ncurve = [["0 h", 1.0], ["8 h", 0.3]]\n[shrink]' + rest.split("[shrink]")[1]
+    scene = small_scene.with_name("prescribed.toml")
+    scene.write_text(head.replace("[maps]\nsize = [24, 32]\n", "") + water.replace("vein_resistance = 0.5\n", ""))
+    settings = list(single_changes(load_scene(scene, ["structure.vein_stiffness=1.0"])))
+    assert {s.fluid_step for s in settings} == {s.scheme for s in settings} == {s.map_size for s in settings} == {None}
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(study, "single_changes", lambda scene: [])
+        changes = ("structure.vein_stiffness=1.0", "mesh.vertices=60", "time.frames=5")
+        result = run(scene, tmp_path, leaf_cache, changes)
+    (row, *_) = result["settings"]
+    assert row["status"] == "done" and row["fluid_steps"] == 0 and row["scheme"] is None
+    assert row["water_error"] < 1e-6 and row["shape_error"] > 0.0
+
+
+def test_the_choices_of_a_scene(small_scene: Path) -> None:
+    scene = load_scene(small_scene)
+    settings = set(single_changes(scene))
+    base = Setting.of(scene)
+    varied = {name for setting in settings for name in setting.varied(base)}
+    assert varied == {
+        "map_size", "fluid_step", "scheme", "vertices", "angular_springs", "motion", "coupling_interval", "substep",
+        "force_tolerance", "precision",
+    }  # fmt: skip
+    for setting in settings:
+        assert Setting.of(setting.apply(scene)) == setting
+    first = first_setting(load_scene(small_scene, ["motion.method='implicit'"]))
+    assert first.force_tolerance == TIGHT_FORCE_TOLERANCE and first.scheme == "unsplit"
+
+
+def test_a_trial_apart_is_the_trial_here(small_scene: Path, tmp_path: Path, leaf_cache: Path) -> None:
+    scene = load_scene(small_scene, SMALLER)
+    places = tmp_path / "places.npy"
+    np.save(places, np.array([[0.0, 0.03], [0.005, 0.04]]))
+
+    def request(name: str, **changes) -> Request:
+        data = scene.with_changes(changes).model_dump(mode="json", exclude_unset=True)
+        return Request(data, "small", str(leaf_cache), str(places), str(tmp_path / name), "cpu")
+
+    apart = compute_apart(request("apart.npz"), 100.0)
+    here = compute_here(request("here.npz"), 100.0)
+    assert apart.peak_memory > 50e6
+    assert apart.points.tobytes() == here.points.tobytes() and apart.water.tobytes() == here.water.tobytes()
+    with pytest.raises(TrialFailed, match=r"frame 2: motion: needs .* substeps"):
+        compute_apart(request("failed.npz", **{"solver.maximum_substeps": 1}), 100.0)
+    with pytest.raises(worker.OutOfTime):
+        compute_apart(request("late.npz"), 1e-3)
+    assert Trial.load(tmp_path / "late.npz") is None
+    half = tmp_path / "half.npz"
+    half.write_bytes((tmp_path / "apart.npz").read_bytes()[:500])
+    assert Trial.load(half) is None
+    assert dataclasses.asdict(Trial.load(tmp_path / "apart.npz"))["vertices"] == apart.vertices
 
 
 @pytest.mark.parametrize("budget", ["0", "-3 min", "soon", "10 cm", "nan"])
@@ -199,78 +332,16 @@ def test_a_bad_budget_is_refused(small_scene: Path, tmp_path: Path, capsys, budg
     assert "budget" in message and "accepted" in message and "Traceback" not in message
 
 
+def test_many_leaves_are_refused(small_scene: Path, tmp_path: Path, capsys) -> None:
+    arguments = ["tradeoff", str(small_scene), "-o", str(tmp_path / "out"), "--set", "leaves.count=2", "-q"]
+    assert main(arguments) == 2
+    assert "[leaves]" in capsys.readouterr().err and not (tmp_path / "out").exists()
+
+
 def test_without_matplotlib_the_table_is_written_and_the_extra_is_named(
-    small_scene: Path, prepared_folder: Path, monkeypatch, capsys
+    small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch, capsys
 ) -> None:
-    monkeypatch.setattr(tradeoff, "find_spec", lambda name: None)
-    run(small_scene, prepared_folder, budget=0.001, maps=(16,))
+    monkeypatch.setattr(study, "find_spec", lambda name: None)
+    run(small_scene, tmp_path, leaf_cache, SMALLER, budget=1e-3)
     assert "leafwarp[plot]" in capsys.readouterr().err
-    assert (prepared_folder / "tradeoff.json").exists() and not (prepared_folder / "tradeoff.png").exists()
-
-
-def test_pareto_front_of_points_made_by_hand() -> None:
-    seconds = [1.0, 2.0, 3.0, 4.0, 4.0, 5.0, np.nan]
-    errors = [9.0, 5.0, 6.0, 1.0, 1.0, 0.5, 0.0]
-    assert pareto_front(seconds, errors).tolist() == [True, True, False, True, True, True, False]
-    # Below the floor errors cannot be told apart: the slower one gains nothing.
-    assert pareto_front(seconds, errors, floor=1.0).tolist() == [True, True, False, True, True, False, False]
-
-
-def test_a_reference_that_finer_steps_move_away_from_is_not_converged() -> None:
-    steps = [240.0, 15.0, 60.0]
-    assert errors_fall_with_the_step(steps, [0.3, 0.1, 0.2], 0.0)
-    assert not errors_fall_with_the_step(steps, [0.03, 0.5, 0.1], 0.1)
-    assert errors_fall_with_the_step(steps, [0.03, 0.05, 0.1], 0.1)
-    assert errors_fall_with_the_step([1.0], [0.5], 0.0)
-
-
-def test_water_error_is_weighted_by_area() -> None:
-    reference = np.array([[1.0, 1.0], [0.5, 0.5]])
-    water = reference + np.array([[0.0, 0.1], [0.0, 0.1]])
-    areas = np.array([3.0, 1.0])
-    assert relative_water_error(water, reference, areas) == pytest.approx(np.sqrt(0.02 / 5.0))
-    assert largest_water_error(water, reference) == pytest.approx(0.1)
-    assert relative_water_error(reference, reference, areas) == 0.0
-    assert relative_water_error(np.ones((2, 2)), np.zeros((2, 2)), areas) == 1.0
-
-
-def test_shape_error_is_a_share_of_the_length() -> None:
-    reference = np.zeros((2, 3, 3))
-    points = reference.copy()
-    points[1, :, 2] = 0.03
-    assert shape_error(points, reference, np.ones(3), 0.1) == pytest.approx(0.3 / np.sqrt(2.0))
-
-
-def test_the_reference_is_the_most_accurate_that_can_be_paid() -> None:
-    candidates = unsplit_settings([(16, 16), (32, 32)], [10.0, 40.0])
-    model = ErrorModel(per_second=1e-3, per_cell=1.0)
-
-    def cost(setting) -> float:
-        return setting.cells_across**2 / setting.step
-
-    def chosen(seconds: float) -> tuple[int, float]:
-        setting = choose_reference(candidates, model, cost, seconds)
-        return setting.cells_across, setting.step
-
-    assert chosen(1000.0) == (32, 10.0)
-    assert chosen(50.0) == (32, 40.0)  # error 0.0713; (16, 10.0) costs the same, with 0.0725
-    assert chosen(0.0) == (16, 40.0)
-
-
-def test_trials_keep_plant_time_and_shorten_the_film(small_scene: Path) -> None:
-    scene = load_scene(small_scene, ["time.frames=240"])
-    trial = trial_scene(scene, 0.5)
-    assert trial.time.duration == scene.time.duration
-    assert trial.time.frames == 25
-    assert film_seconds(trial) == pytest.approx(0.5)
-
-
-def test_maps_keep_the_scenes_proportions() -> None:
-    assert tradeoff.map_sizes((64, 512), (128, 1024)) == [(16, 128), (128, 1024)]
-    assert tradeoff.map_sizes((1, 300), (16,)) == [(1, 16)]
-
-
-def test_a_scene_that_knows_double_precision_alone_is_measured_in_it(small_scene: Path, prepared_folder: Path) -> None:
-    changes = ("motion.method='quasistatic'", "time.frames=3")
-    table = run(small_scene, prepared_folder, changes, maps=(16,), step_factors=(1.0,))
-    assert table["settings"] and {row["precision"] for row in table["settings"]} == {"float64"}
+    assert (tmp_path / "tradeoff.json").exists() and not (tmp_path / "tradeoff.png").exists()

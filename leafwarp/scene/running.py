@@ -29,6 +29,22 @@ class SolverTable(Table):
     maximum_substeps: Annotated[Integer, Bounds(1, 2**20)] = Field(
         8192, description="Motion substeps a frame beyond which a scene is refused."
     )
+    substep: Annotated[Number, Bounds(0.0, 1.0, above=True)] = Field(
+        0.9,
+        description="Substep of explicit motion over the longest stable one; what is left of it covers a frame's "
+        "change of geometry.",
+    )
+    force_tolerance: Annotated[Number, Bounds(1e-8, 1.0)] = Field(
+        1e-3,
+        description="Force that implicit motion leaves on a vertex, over the mean of load and inertia and a hundredth "
+        "of its bending force; equilibria: a tenth of it.",
+    )
+    coupling_interval: Annotated[Time, Bounds(0.0, unit="s", above=True)] | None = Field(
+        None,
+        description="Plant time between two moments at which the structure is told of the water [s], held to a whole "
+        "number of them; frames in between show the water of the last one. Default: at every frame, and in between "
+        "where explicit motion would feel a jump.",
+    )
 
 
 class OutputTable(Table):

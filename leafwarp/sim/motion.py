@@ -25,8 +25,6 @@ from leafwarp.sim.stage import Stage
 if TYPE_CHECKING:
     from leafwarp.sim.implicit.motion import NewtonMotion
 
-# Share of the stable step that is used: what is left covers a frame's change of geometry.
-SAFETY = 0.9
 # Substeps in one captured graph at most: replaying one costs next to nothing, recording it some milliseconds.
 BLOCK = 32
 REPLAYS = 5
@@ -80,6 +78,7 @@ class Motion:
         only_explicit = scene.leaves is not None or scene.structure.bending == "paper"
         self._other_method = "" if only_explicit else ", or take motion.method = 'quasistatic' or 'implicit'"
         self._maximum = scene.solver.maximum_substeps
+        self._substep = scene.solver.substep
         self._stages = [stage for stage in stages if stage.rate == "substep"]
         self._guard = next(stage for stage in stages if isinstance(stage, StableStep))
         self._paper = next((stage for stage in stages if isinstance(stage, PaperBending)), None)
@@ -112,7 +111,7 @@ class Motion:
         Args:
             frame_duration: Playback time of the frame [s].
         """
-        limit = SAFETY * self._limit()
+        limit = self._substep * self._limit()
         least = frame_duration / limit if limit > 0.0 else math.inf
         return max(1, math.ceil(least)) if math.isfinite(least) else math.inf
 
@@ -165,7 +164,7 @@ class Motion:
         substeps = 0
         velocity.zero_()
         while (calm < quarter).any() and substeps < SETTLING_SUBSTEPS:
-            limit = SAFETY * self._limit()
+            limit = self._substep * self._limit()
             if not limit > 0.0:
                 raise SimulationError(0, "settling", self._refusal(math.inf))
             duration = min(SETTLING_BLOCK * limit, 0.1 * quarter.min())

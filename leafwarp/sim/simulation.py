@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING
@@ -30,17 +31,17 @@ ROUNDING = 1e-9
 
 @dataclass(frozen=True)
 class Moment:
-    """A moment at which the structure is told of the water.
+    """A moment at which the structure is told of the water, or moves on.
 
     Attributes:
         looks: Spans of plant time [s] since the moment before, at the ends of which the water is looked at.
         on_path: Whether a leaf without inertia goes on along its path of equilibria.
-        moves: Whether the leaf moves on in the film.
+        share: Of the frame, by which the leaf moves on in the film; 0 where it does not.
     """
 
     looks: tuple[Interval, ...]
     on_path: bool
-    moves: bool
+    share: float
 
 
 class Simulation:
@@ -126,7 +127,6 @@ class Simulation:
                 its water is that of the part that failed.
         """
         substeps = 0
-        duration = 1.0 / (self.scene.time.fps * self.couplings_per_frame)
         for moment in self.moments(frame):
             for part in moment.looks:
                 if self.fluid is not None:
@@ -135,25 +135,45 @@ class Simulation:
             with self.watch("motion"):
                 if moment.on_path:
                     substeps += self.motion.follow(frame)
-                if moment.moves:
-                    substeps += self.motion.advance(duration, frame)
+                if moment.share > 0.0:
+                    substeps += self.motion.advance(moment.share / self.scene.time.fps, frame)
         self.substeps.append(substeps)
 
     def moments(self, frame: int) -> list[Moment]:
-        """When the structure is told of the water between the frame before and this one."""
+        """When the structure is told of the water, or moves, between the frame before and this one."""
         begin, end = self.plant_time(frame - 1), self.plant_time(frame)
-        parts = self.couplings_per_frame
-        ends = [begin + (end - begin) * part / parts for part in range(1, parts)] + [end]
         # A moment that is the frame's end but for rounding is that.
         rounding = ROUNDING * self.scene.time.duration
-        path = [time for time in self.path_times if begin + rounding < time <= end + rounding]
-        path = [end if abs(time - end) <= rounding else time for time in path]
-        moments = []
-        for interval in (Interval(*span) for span in pairwise(sorted({begin, *ends, *path}))):
-            looks = [interval.start, *self._turning_points(interval), interval.end]
-            parts_of_it = tuple(Interval(*span) for span in pairwise(looks))
-            moments.append(Moment(parts_of_it, interval.end in path, interval.end in ends))
+
+        def within(times: Iterable[float]) -> set[float]:
+            here = (time for time in times if begin + rounding < time <= end + rounding)
+            return {end if abs(time - end) <= rounding else time for time in here}
+
+        path, coupled = within(self.path_times), within(self._coupling_times(begin, end))
+        moves = {*coupled, end}
+        moments, moved = [], begin
+        for interval in (Interval(*span) for span in pairwise(sorted({begin, *moves, *path}))):
+            looks = [interval.start, *self._turning_points(interval)]
+            if interval.end in coupled or interval.end in path:
+                looks.append(interval.end)
+            share = 0.0
+            if interval.end in moves:
+                share, moved = (interval.end - moved) / (end - begin), interval.end
+            spans = tuple(Interval(*span) for span in pairwise(looks))
+            moments.append(Moment(spans, interval.end in path, share))
         return moments
+
+    def _coupling_times(self, begin: float, end: float) -> Iterator[float]:
+        """Moments of plant time [s] at which the structure is told of the water, from a frame on to the next."""
+        asked = self.scene.solver.coupling_interval
+        if asked is None:
+            parts = self.couplings_per_frame
+            yield from (begin + (end - begin) * part / parts for part in range(1, parts + 1))
+            return
+        duration = self.scene.time.duration
+        interval = duration / math.ceil(duration / asked * (1.0 - ROUNDING))
+        first = math.floor(begin / interval)
+        yield from (interval * count for count in range(first, math.ceil(end / interval) + 1))
 
     def _turning_points(self, interval: Interval) -> list[float]:
         """Moments within a span of plant time [s] at which the water may be driest, where the leaf keeps a set of it.

@@ -22,10 +22,11 @@ from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, STANDARD_GRAVITY,
 from leafwarp.sim.settled import Settled
 from leafwarp.sim.stable_step import damping_time
 
-# Of a step in time, whose error the next one makes good; and of an equilibrium. The force is over load and inertia: a
-# thousandth of the weight, left everywhere and in one direction, changes a droop by a thousandth of it.
-STEP_ACCURACY = Accuracy(force=1e-3, step=2e-5)
-REST_ACCURACY = Accuracy(force=1e-4, step=2e-6)
+# Way of a vertex in the last step, over the leaf's length, for each share of force that is left. The force is over load
+# and inertia: a thousandth of the weight, left everywhere and in one direction, changes a droop by a thousandth of it.
+STEP_PER_FORCE = 0.02
+# Of an equilibrium, over that of a step in time, whose error the next one makes good.
+REST_SHARE = 0.1
 # How often a step is halved before the frame is given up.
 MOST_HALVINGS = 6
 
@@ -47,6 +48,8 @@ class NewtonMotion(ABC):
         retries: How often a step was redone in halves.
         unbalanced_torque: None: no momentum is lost.
         newton: The solver, with what it did so far.
+        step_accuracy: When the end of a step in time counts as found.
+        rest_accuracy: When an equilibrium does.
         remedy: What helps where a frame does not converge.
     """
 
@@ -57,6 +60,9 @@ class NewtonMotion(ABC):
 
     def __init__(self, scene: Scene, leaf: Leaf, state: State, stage: PotentialMotion):
         self._scene, self._leaf, self._state, self._stage = scene, leaf, state, stage
+        force = scene.solver.force_tolerance
+        self.step_accuracy = Accuracy(force, STEP_PER_FORCE * force)
+        self.rest_accuracy = Accuracy(REST_SHARE * force, REST_SHARE * STEP_PER_FORCE * force)
         self.substeps = 0
         self.largest_substeps = 0
         self.retries = 0
@@ -174,7 +180,7 @@ class NewtonMotion(ABC):
                 start,
                 self._state["mass"].numpy().copy(),
                 self._leaf.length,
-                REST_ACCURACY,
+                self.rest_accuracy,
                 is_held=keeps_from_turning(start[self._pinned], self._leaf.length),
                 each_step=self._stage.potential.keep_angles,
             )
@@ -223,7 +229,7 @@ class ImplicitEuler(NewtonMotion):
             self._stage.prepare_step()
             self.newton.inertia_changed()
             try:
-                self.newton.minimise(self._positions(), STEP_ACCURACY)
+                self.newton.minimise(self._positions(), self.step_accuracy)
             except NotConverged:
                 if size <= 0.5**MOST_HALVINGS:
                     raise

@@ -1,0 +1,105 @@
+"""What a setting will cost: that of the most similar one computed so far, scaled as the solvers scale."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+from leafwarp.scene import Scene
+from leafwarp.study.tradeoff.setting import Setting
+from leafwarp.study.tradeoff.trial import Trial
+
+# A fluid step of each kind over a split one in single precision, where no such step was timed yet; and the power of the
+# step's length that the iterations of conjugate gradients grow with.
+STEP_COSTS = {"split": 1.0, "unsplit": 6.0}
+STEP_EXPONENTS = {"split": 0.0, "unsplit": 0.25}
+DOUBLE = 1.5
+# The sparse factor that double precision takes: over conjugate gradients, and its growth with the cells.
+FACTOR, FACTOR_EXPONENT = 4.0, 1.25
+# Explicit motion takes shorter steps on a finer mesh, and Newton's method factors with more fill.
+MOTION_EXPONENTS = {"explicit": 1.5, "implicit": 1.3, "quasistatic": 1.3}
+# Of one kind of motion that was not timed yet over another: a guess that errs on the dear side.
+OTHER_MOTION = 3.0
+# A process of its own, and a leaf to prepare [s].
+OVERHEAD = 2.0
+
+
+@dataclass(frozen=True)
+class _Timing:
+    setting: Setting
+    trial: Trial
+    overhead: float
+
+
+@dataclass(frozen=True)
+class _Estimate:
+    """Wall time [s], and how far the setting is from the one that it was scaled from."""
+
+    seconds: float
+    distance: float
+
+
+class CostModel:
+    """Predicts the wall time of trials from those computed so far.
+
+    Args:
+        scene: The scene.
+    """
+
+    def __init__(self, scene: Scene):
+        self._duration = scene.time.duration
+        self._known: list[_Timing] = []
+
+    def learn(self, setting: Setting, trial: Trial, seconds: float) -> None:
+        """Take a trial into account, which took so long from start to end."""
+        self._known.append(_Timing(setting, trial, max(0.0, seconds - trial.seconds)))
+
+    def predict(self, setting: Setting) -> float:
+        """Wall time of a trial from start to end [s]."""
+        return self.film(setting) + max((timing.overhead for timing in self._known[-8:]), default=OVERHEAD)
+
+    def film(self, setting: Setting) -> float:
+        """Wall time of its film alone [s]; 0 where nothing is known yet."""
+        if not self._known:
+            return 0.0
+        return self._scaled(setting, self._fluid) + self._scaled(setting, self._motion)
+
+    def _scaled(self, setting: Setting, work: Callable[[_Timing, Setting], _Estimate]) -> float:
+        """The time that a kind of work takes, by the trial that is nearest to the setting in it."""
+        return min((work(timing, setting) for timing in self._known), key=lambda found: found.distance).seconds
+
+    def _fluid(self, timing: _Timing, setting: Setting) -> _Estimate:
+        known = timing.setting
+        if setting.fluid_step is None:
+            return _Estimate(timing.trial.fluid_seconds, 0.0)
+        ratio = self._fluid_work(setting) / self._fluid_work(known)
+        is_other = (setting.scheme, setting.precision) != (known.scheme, known.precision)
+        return _Estimate(ratio * timing.trial.fluid_seconds, _distance(ratio, is_other))
+
+    def _fluid_work(self, setting: Setting) -> float:
+        """Work of all fluid steps, in any unit."""
+        scheme, double = setting.scheme or "split", setting.precision == "float64"
+        cells = float(setting.cells)
+        each = STEP_COSTS[scheme] * (DOUBLE if double else 1.0)
+        if scheme == "unsplit" and double:
+            each *= FACTOR
+            cells **= FACTOR_EXPONENT
+        steps = max(1.0, self._duration / setting.fluid_step)
+        return steps * cells * each * setting.fluid_step ** STEP_EXPONENTS[scheme]
+
+    def _motion(self, timing: _Timing, setting: Setting) -> _Estimate:
+        ratio = _motion_work(setting) / _motion_work(timing.setting)
+        is_other = setting.motion != timing.setting.motion
+        seconds = timing.trial.motion_seconds + timing.trial.frame_seconds
+        return _Estimate(ratio * seconds * (OTHER_MOTION if is_other else 1.0), _distance(ratio, is_other))
+
+
+def _motion_work(setting: Setting) -> float:
+    double = DOUBLE if setting.motion == "explicit" and setting.precision == "float64" else 1.0
+    hinges = 2.0 if setting.angular_springs else 1.0
+    return setting.vertices ** MOTION_EXPONENTS[setting.motion] * double * hinges / (setting.substep or 1.0)
+
+
+def _distance(ratio: float, is_other_kind: bool) -> float:
+    return abs(math.log(max(ratio, 1e-12))) + (100.0 if is_other_kind else 0.0)

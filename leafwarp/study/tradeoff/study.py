@@ -1,0 +1,427 @@
+"""The study: what to compute, in which order, within which time; its table, picture and text."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import os
+import platform
+import shutil
+import sys
+import time
+from collections.abc import Callable
+from dataclasses import asdict
+from importlib.util import find_spec
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from leafwarp import __version__
+from leafwarp.errors import InputError, OutputError
+from leafwarp.files import write_text
+from leafwarp.leaf.leaf import Leaf
+from leafwarp.prepare import prepare_scene_leaf
+from leafwarp.report import package_versions
+from leafwarp.run import CACHE_FOLDER
+from leafwarp.scene import Scene
+from leafwarp.study.tradeoff.costs import CostModel
+from leafwarp.study.tradeoff.errors import errors_of, pareto_front
+from leafwarp.study.tradeoff.explore import combinations
+from leafwarp.study.tradeoff.reference import Reference, find_reference, first_setting
+from leafwarp.study.tradeoff.setting import Setting, single_changes
+from leafwarp.study.tradeoff.summary import percent, summarise
+from leafwarp.study.tradeoff.surface import sample_points
+from leafwarp.study.tradeoff.table import Row, append_row, write_rows
+from leafwarp.study.tradeoff.trial import SAMPLED_FRAMES, Trial, film_seconds, sampled_frames
+from leafwarp.study.tradeoff.worker import OutOfTime, Request, TrialFailed, compute_apart
+
+TABLE, RESULT, PICTURE, TEXT, TRIALS = (
+    "tradeoff.csv", "tradeoff.json", "tradeoff.png", "tradeoff.txt", "trials",
+)  # fmt: skip
+# Tables of the scene that the result repeats.
+TABLES = {"time", "fluid", "transpiration", "source", "solver", "motion"}
+
+DEFAULT_BUDGET = 600.0  # [s]
+# Share of the budget that the reference takes; and of the scene as written, beyond which its film is shortened.
+REFERENCE_SHARE = 0.45
+FILM_SHARE = 0.03
+# Where another leaf, cambered by this share more, ends further away than this share of its length, the scene has
+# several shapes to offer.
+NUDGE = 0.02
+ONE_SHAPE = 0.01
+
+Compute = Callable[[Request, float], Trial]
+
+
+def run_tradeoff(
+    scene: Scene,
+    output: Path,
+    *,
+    device: str = "cpu",
+    overwrite: bool = False,
+    quiet: bool = False,
+    budget: float = DEFAULT_BUDGET,
+    compute: Compute = compute_apart,
+    cache: Path | None = None,
+) -> dict[str, Any]:
+    """Measure what speed costs in accuracy on a scene.
+
+    Every setting is the whole film of the scene, computed in a process of its own and compared at 25 of its frames, at
+    the same thousand points of the leaf whatever mesh and map it has, with a reference: unsplit, in double precision,
+    refined in map, fluid step, mesh and coupling for as long as its share of the budget lasts. What each last
+    refinement changed adds up to the reference's own error. Where a leaf that is cambered by a fiftieth more ends in
+    another shape, the scene has several to offer, and no error of the shape is given.
+
+    Settings are the scene's own, with one choice changed at a time, then combinations that promise to lie on the front.
+    They run until the budget is used; those left out stay in the table with the time that they would take. What was
+    computed is kept: the same call goes on where an interrupted one stopped.
+
+    Args:
+        scene: The scene.
+        output: Folder of ``tradeoff.csv``, ``.json``, ``.png`` and ``.txt``.
+        device: Warp device.
+        overwrite: Replace a finished study, or one of another scene.
+        quiet: No progress on stderr.
+        budget: Wall time to use [s].
+        compute: Computes a trial.
+        cache: Folder of prepared leaves; default: in the output folder.
+
+    Returns:
+        What ``tradeoff.json`` holds.
+
+    Raises:
+        InputError: Many leaves, a finished study is there already, or a bad budget, device or photo.
+        OutputError: The table cannot be written.
+        LeafwarpError: The scene itself cannot be computed.
+    """
+    if scene.leaves is not None:
+        raise InputError(f"{scene.name}: [leaves]: the trade is measured on one leaf; leave this table out")
+    if not (math.isfinite(budget) and budget > 0.0):
+        raise InputError(f"--budget {budget:g}: accepted: a time above 0, such as '10 min'")
+    from leafwarp.sim.launch import check_device
+
+    device = check_device(device)
+    can_plot = find_spec("matplotlib") is not None
+    if not can_plot:
+        print(
+            "leafwarp: matplotlib is not installed: the tables are written without a plot; "
+            "pip install 'leafwarp[plot]' brings it",
+            file=sys.stderr,
+        )
+    _begin(scene, output, device, overwrite)
+    study = _Study(scene, output, device, budget, quiet, compute, cache or output / CACHE_FOLDER)
+    result = study.run()
+    write_rows(output / TABLE, study.rows)
+    write_text(output / TEXT, "\n".join(result["summary"]) + "\n")
+    if can_plot and any(row.measured for row in study.rows):
+        from leafwarp.study.tradeoff.plot import plot_tradeoff
+
+        plot_tradeoff(result, output / PICTURE)
+    write_text(output / RESULT, json.dumps(result, indent=1, allow_nan=False) + "\n")
+    return result
+
+
+def _begin(scene: Scene, output: Path, device: str, overwrite: bool) -> None:
+    """Make the folder, or find in it what an interrupted study of the same scene left.
+
+    Raises:
+        InputError: It holds a finished study or another scene's, or cannot be written.
+    """
+    pictures = [Path(photo.image).read_bytes() for photo in scene.photos if Path(photo.image).is_file()]
+    identity = json.dumps(
+        {
+            "scene": scene.model_dump(mode="json", exclude_unset=True, exclude={"output"}),
+            "pictures": [hashlib.sha256(picture).hexdigest() for picture in pictures],
+            "device": device,
+            "version": __version__,
+        },
+        indent=1,
+    )
+    mark = output / TRIALS / "study.json"
+    is_same = mark.is_file() and mark.read_text() == identity
+    is_done = (output / RESULT).exists()
+    if (output / TABLE).exists() and not overwrite and (is_done or not is_same):
+        state = "is a finished study" if is_done else "is a study of another scene, device or version"
+        raise InputError(f"{output / TABLE}: {state}; --overwrite replaces it")
+    try:
+        if overwrite or not is_same:
+            shutil.rmtree(output / TRIALS, ignore_errors=True)
+        (output / TRIALS).mkdir(parents=True, exist_ok=True)
+        for stale in (output / RESULT, output / PICTURE, output / TEXT):
+            stale.unlink(missing_ok=True)
+        write_text(mark, identity)
+        write_rows(output / TABLE, [])
+    except (OSError, OutputError) as error:
+        raise InputError(f"{output}: cannot be written: {error}") from None
+
+
+class _Study:
+    """The state of a study: its clock, and what is computed already."""
+
+    def __init__(
+        self, scene: Scene, output: Path, device: str, budget: float, quiet: bool, compute: Compute, cache: Path
+    ):
+        self.rows: list[Row] = []
+        self._begin = time.perf_counter()
+        self._scene, self._output, self._device, self._budget, self._quiet = scene, output, device, budget, quiet
+        self._compute, self._cache = compute, cache
+        self._costs = CostModel(scene)
+        self._base = Setting.of(scene)
+        self._leaf: Leaf = prepare_scene_leaf(scene, cache)
+        self._places = output / TRIALS / "places.npy"
+        np.save(self._places, sample_points(self._leaf.mesh))
+        self._film = scene
+        self._trials: dict[Setting, Trial] = {}
+        self._settings: list[Setting] = []  # of the rows
+
+    def run(self) -> dict[str, Any]:
+        """Do the study; fills ``rows`` and returns the result."""
+        self._shorten_film()
+        end = self._spent + REFERENCE_SHARE * self._budget
+        self._say("reference: refined where it changes the most")
+        reference = find_reference(
+            self._film, self._leaf.length, self._run, self._costs.predict, lambda: end - self._spent, self._say
+        )
+        nudged = self._nudged()
+        has_one_shape = nudged is None or nudged <= ONE_SHAPE
+        own = {"water_error": reference.own_water_error, "shape_error": reference.own_shape_error}
+        self._say(
+            f"reference: {reference.setting.in_words(self._base)}; its own errors: water "
+            f"{percent(own['water_error'])}, shape {percent(own['shape_error'])}"
+        )
+        if not has_one_shape:
+            self._say(_several_shapes(nudged))
+        singles = list(dict.fromkeys([self._base, *single_changes(self._film)]))
+        self._measure(
+            sorted(singles, key=lambda s: (s != self._base, self._costs.predict(s))), reference, has_one_shape
+        )
+        kind = "shape" if has_one_shape else "water"
+        self._measure_combinations(reference, has_one_shape, kind)
+        self._mark(own)
+        of_singles = [row for row, setting in zip(self.rows, self._settings, strict=True) if setting in singles]
+        summary = summarise(self.rows, kind, of_singles)
+        if not has_one_shape:
+            summary.append(_several_shapes(nudged))
+        if not reference.is_converged:
+            summary.append(
+                "The reference is not converged: refining it further changes it more. A larger budget would help."
+            )
+        for sentence in summary:
+            self._say(sentence)
+        return self._result(reference, own, nudged, has_one_shape, summary)
+
+    # The clock.
+
+    @property
+    def _spent(self) -> float:
+        return time.perf_counter() - self._begin
+
+    @property
+    def _left(self) -> float:
+        return self._budget - self._spent
+
+    def _say(self, text: str, ahead: float | None = None) -> None:
+        if self._quiet:
+            return
+        estimate = "" if ahead is None else f", about {max(0.0, min(ahead, self._left)):.0f} s left"
+        print(f"[{self._spent:.0f}/{self._budget:.0f} s{estimate}] {text}", file=sys.stderr, flush=True)
+
+    # What is computed.
+
+    def _run(self, setting: Setting, seconds: float, camber: float | None = None) -> Trial:
+        """Compute a setting, once; what an interrupted study computed is taken from it.
+
+        Raises:
+            OutOfTime: It takes longer than this.
+            LeafwarpError: It cannot be computed.
+        """
+        if camber is None and setting in self._trials:
+            return self._trials[setting]
+        begin = time.perf_counter()
+        scene = setting.apply(self._film)
+        if camber is not None:
+            scene = scene.with_changes({"leaf.camber": camber})
+        name = json.dumps([setting.as_dict(), camber, scene.time.frames])
+        path = self._output / TRIALS / f"{hashlib.sha256(name.encode()).hexdigest()[:20]}.npz"
+        trial = Trial.load(path)
+        if trial is None:
+            prepare_scene_leaf(scene, self._cache)
+            request = Request(
+                scene=scene.model_dump(mode="json", exclude_unset=True),
+                where=self._scene.name,
+                leaves=str(self._cache),
+                places=str(self._places),
+                result=str(path),
+                device=self._device,
+            )
+            trial = self._compute(request, seconds)
+            self._costs.learn(setting, trial, time.perf_counter() - begin)
+        else:
+            self._costs.learn(setting, trial, trial.seconds + trial.start_seconds)
+        if camber is None:
+            self._trials[setting] = trial
+        return trial
+
+    def _shorten_film(self) -> None:
+        """Compute the scene as written; where that alone would take much of the budget, with fewer frames."""
+        allowed = FILM_SHARE * self._budget
+        while True:
+            frames = self._film.time.frames
+            is_shortest = frames <= SAMPLED_FRAMES
+            self._say(f"the scene as written, {frames} frames")
+            try:
+                trial = self._run(self._base, math.inf if is_shortest else 4.0 * allowed + 10.0)
+            except OutOfTime:
+                fewer = frames // 4
+            else:
+                if trial.seconds <= allowed or is_shortest:
+                    return
+                fewer = math.floor(frames * allowed / trial.seconds)
+            self._trials.clear()
+            self._costs = CostModel(self._film)
+            self._film = self._scene.with_changes({"time.frames": max(fewer, SAMPLED_FRAMES)})
+
+    def _nudged(self) -> float | None:
+        """How far another leaf, cambered a little more, ends from this one; None where there is no camber to change."""
+        camber = self._scene.leaf.camber
+        if camber == 0.0 or not self._scene.has_angular_springs:
+            return None
+        setting = first_setting(self._film)
+        if self._costs.predict(setting) > self._left:
+            return None
+        nudged = self._run(setting, math.inf, camber * (1.0 + NUDGE))
+        return float(errors_of(nudged, self._trials[setting], self._leaf.length).shape_over_time.max())
+
+    def _measure(self, settings: list[Setting], reference: Reference, has_one_shape: bool) -> None:
+        for index, setting in enumerate(settings):
+            ahead = sum(self._costs.predict(later) for later in settings[index:] if later not in self._trials)
+            self._add_row(setting, reference, has_one_shape, ahead)
+
+    def _measure_combinations(self, reference: Reference, has_one_shape: bool, kind: str) -> None:
+        """Try what promises to lie on the front, and look again, until the time is over or nothing new is promised."""
+        tried: set[Setting] = set()
+        while True:
+            errors = {
+                setting: getattr(row, f"{kind}_error")
+                for setting, row in zip(self._settings, self.rows, strict=True)
+                if row.measured
+            }
+            if self._base not in errors:
+                return
+            guesses = [g for g in combinations(self._base, errors, self._costs.film) if g.setting not in tried]
+            paid = [guess for guess in guesses if self._costs.predict(guess.setting) <= self._left]
+            if not paid:
+                return
+            # Spread over the front: the one furthest from all that is measured.
+            known = _place([(self._trials[setting].seconds, error) for setting, error in errors.items()])
+            here = _place([(guess.seconds, guess.error) for guess in paid])
+            chosen = paid[int(np.argmax(np.linalg.norm(here[:, None] - known, axis=2).min(axis=1)))].setting
+            tried.add(chosen)
+            ahead = sum(self._costs.predict(guess.setting) for guess in paid)
+            self._add_row(chosen, reference, has_one_shape, ahead)
+
+    def _add_row(self, setting: Setting, reference: Reference, has_one_shape: bool, ahead: float) -> None:
+        """Compute a setting, if there is time, and add it to the table."""
+        predicted = self._costs.predict(setting)
+        name = "scene" if setting == self._base else ""
+        row = Row.of(setting, name, setting.in_words(self._base), predicted)
+        if setting not in self._trials and predicted > self._left:
+            row.status = "skipped: budget"
+        else:
+            try:
+                self._fill(row, self._run(setting, self._left), reference, has_one_shape)
+            except OutOfTime:
+                row.status = "stopped: budget"
+            except (TrialFailed, InputError) as error:
+                row.status = f"failed: {error}"
+        self.rows.append(row)
+        self._settings.append(setting)
+        append_row(self._output / TABLE, row)
+        took = f"{predicted:.0f} s expected"
+        if row.measured:
+            shape = "" if row.shape_error is None else f", shape {percent(row.shape_error)}"
+            took = f"{row.seconds:.2f} s, water {percent(row.water_error)}{shape}"
+        self._say(f"{row.varied}: {row.status}, {took}", ahead)
+
+    # What is found.
+
+    def _fill(self, row: Row, trial: Trial, reference: Reference, has_one_shape: bool) -> None:
+        errors = errors_of(trial, reference.trial, self._leaf.length)
+        row.vertices = trial.vertices
+        row.seconds = trial.seconds
+        row.seconds_per_second = trial.seconds / film_seconds(self._film)
+        for name in ("start_seconds", "fluid_seconds", "motion_seconds", "fluid_steps", "motion_substeps"):
+            setattr(row, name, getattr(trial, name))
+        row.ledger_error = trial.ledger_error
+        row.peak_memory = trial.peak_memory or None
+        row.water_error, row.largest_water_error = errors.water, errors.largest_water
+        row.water_over_time = errors.water_over_time.tolist()
+        if has_one_shape:
+            row.shape_error, row.largest_shape_error = errors.shape, errors.largest_shape
+            row.shape_over_time = errors.shape_over_time.tolist()
+
+    def _mark(self, own: dict[str, float]) -> None:
+        """Mark what lies below the reference's own errors, and the Pareto fronts."""
+        measured = [row for row in self.rows if row.measured]
+        seconds = np.array([row.seconds for row in measured])
+        for kind in ("water", "shape"):
+            floor = own[f"{kind}_error"]
+            errors = [getattr(row, f"{kind}_error") for row in measured]
+            if None in errors:
+                continue
+            for row, error, on_front in zip(measured, errors, pareto_front(seconds, errors, floor), strict=True):
+                setattr(row, f"{kind}_within_reference", bool(error < floor))
+                setattr(row, f"{kind}_pareto", bool(on_front))
+
+    def _result(
+        self,
+        reference: Reference,
+        own: dict[str, float],
+        nudged: float | None,
+        has_one_shape: bool,
+        summary: list[str],
+    ) -> dict[str, Any]:
+        import warp as wp
+
+        mesh = self._leaf.mesh
+        return {
+            "scene": self._scene.name,
+            "tables": self._scene.model_dump(mode="json", include=TABLES),
+            "versions": package_versions(),
+            "device": {"name": wp.get_device(self._device).name, "alias": self._device},
+            "machine": f"{platform.machine()}, {os.cpu_count()} cores",
+            "mesh": {"vertices": mesh.vertex_count, "triangles": mesh.triangle_count},
+            "plant_seconds": self._scene.time.duration,
+            "sampled_frames": sampled_frames(self._film),
+            "sampled_points": len(np.load(self._places)),
+            "playback_seconds": film_seconds(self._film),
+            "scene_playback_seconds": film_seconds(self._scene),
+            "budget_seconds": self._budget,
+            "spent_seconds": self._spent,
+            "summary": summary,
+            "reference": {
+                **reference.setting.as_dict(),
+                "in_words": reference.setting.in_words(self._base),
+                "seconds": reference.trial.seconds,
+                "own_errors": own,
+                "converged": reference.is_converged,
+                "one_shape": has_one_shape,
+                "moved_by_camber": nudged,
+                "refinements": [refinement.as_dict() for refinement in reference.refinements],
+            },
+            "settings": [asdict(row) for row in self.rows],
+        }
+
+
+def _place(points: list[tuple[float, float]]) -> np.ndarray:
+    """Where seconds and errors lie on logarithmic axes."""
+    return np.log10(np.maximum(points, 1e-9))
+
+
+def _several_shapes(nudged: float) -> str:
+    return (
+        f"This scene does not settle on one shape: a leaf cambered by {percent(NUDGE)} more ends {percent(nudged)} of "
+        "its length away. Errors of the shape would say which of them a setting happens to find, and are left out."
+    )
