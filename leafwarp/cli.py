@@ -10,7 +10,7 @@ import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
 
 from leafwarp.errors import InputError, LeafwarpError
 
@@ -163,6 +163,7 @@ def _run(arguments: argparse.Namespace) -> None:
             signals=signals,
         )
     _warn(report["leaf"]["notes"])
+    _tell_error(report["tolerance"])
     settled = report["motion"]["settled"]
     if settled is not None and not settled["settled"]:
         print(
@@ -174,6 +175,19 @@ def _run(arguments: argparse.Namespace) -> None:
         split = ", ".join(f"{name} {ms:.1f}" for name, ms in report["milliseconds_per_frame"].items())
         print(f"{report['seconds']['total']:.1f} s in all; milliseconds a frame: {split}", file=sys.stderr)
     print(json.dumps(report) if arguments.json else paths.usd)
+
+
+def _tell_error(tolerance: dict[str, Any] | None) -> None:
+    """Say what a film with a tolerance came to."""
+    if tolerance is None or tolerance["reached"] is None:
+        return
+    reached, asked = 100.0 * tolerance["reached"], 100.0 * tolerance["asked"]
+    state = "" if reached <= asked else "warning: "
+    print(
+        f"leafwarp: {state}the film's shape is off by about {reached:.2g} % of the leaf's length (tolerance: "
+        f"{asked:.2g} %)",
+        file=sys.stderr,
+    )
 
 
 def _warn(notes: Sequence[str]) -> None:

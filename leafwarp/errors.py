@@ -30,6 +30,7 @@ class SimulationError(LeafwarpError):
         super().__init__(f"frame {frame}: {stage}: {reason}")
         self.frame = frame
         self.stage = stage
+        self.reason = reason
 
 
 class OutputError(LeafwarpError):

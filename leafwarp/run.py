@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import signal
+import sys
 import time
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -23,6 +24,7 @@ from leafwarp.stopwatch import Stopwatch
 if TYPE_CHECKING:
     from leafwarp.leaf.leaf import Leaf
     from leafwarp.sim.simulation import Simulation
+    from leafwarp.study.tolerance import Choice, Watcher
     from leafwarp.usd.writer import UsdWriter
 
 CACHE_FOLDER = ".leafwarp-cache"
@@ -147,6 +149,11 @@ def run_scene(
     watch = Stopwatch()
     device = check_device(device)
     make_output_folder(scene, paths, overwrite, maps)
+    choice = None
+    if scene.tolerance is not None:
+        with watch("tolerance"):
+            choice = _choose_resolution(scene, paths, device, progress_level, signals)
+        scene = choice.scene
     with Compilation(scene, device) as compilation:
         with watch("prepare"):
             leaf = prepare_scene_leaf(scene, paths.cache)
@@ -156,8 +163,9 @@ def run_scene(
             _import_what_follows()
             compilation.wait()
         frames = frames or range(1, scene.time.frames + 1)
+        watcher = None if choice is None else choice.watcher(leaf)
         simulation, frame_seconds, failure = _simulate(
-            scene, leaf, device, paths, frames, watch, progress_level, signals
+            scene, leaf, device, paths, frames, watch, progress_level, signals, watcher
         )
         sheet = simulation.stage("contact_sheet")
         if sheet is not None:
@@ -167,10 +175,31 @@ def run_scene(
     seconds = watch.seconds | simulation.watch.seconds
     report = make_report(simulation, seconds, frame_seconds, time.perf_counter() - begin)
     report["leaf"] = _leaf_report(leaf)
+    report["tolerance"] = None if watcher is None else watcher.report()
     write_text(paths.report, json.dumps(report, indent=1) + "\n")
     if failure is not None:
         raise failure
     return report
+
+
+def _choose_resolution(
+    scene: Scene, paths: OutputPaths, device: str, progress_level: int, signals: Sequence[int]
+) -> Choice:
+    """Find what the scene's tolerance takes, by coarse films.
+
+    Raises:
+        SimulationError: A coarse film cannot be computed.
+        Interrupted: A signal asked to stop.
+    """
+    from leafwarp.study.tolerance import choose_resolution
+
+    def say(text: str) -> None:
+        if progress_level >= 0:
+            print(text, file=sys.stderr, flush=True)
+        if signals:
+            raise Interrupted(signals[0], 0)
+
+    return choose_resolution(scene, paths.cache, device, say)
 
 
 def _import_what_follows() -> None:
@@ -188,8 +217,9 @@ def _simulate(
     watch: Stopwatch,
     progress_level: int,
     signals: Sequence[int],
+    watcher: Watcher | None,
 ) -> tuple[Simulation, list[float], LeafwarpError | None]:
-    """Compute the frames and write the USD.
+    """Compute the frames and write the USD; a watcher sees each of them.
 
     Returns:
         The simulation, the wall time of each frame [s], and why there are no more of them, if there should be.
@@ -214,7 +244,8 @@ def _simulate(
     frame_seconds: list[float] = []
     failure: LeafwarpError | None = None
     try:
-        _run_frames(simulation, writer, frames, watch, frame_seconds, Progress(frames[-1], progress_level), signals)
+        progress = Progress(frames[-1], progress_level)
+        _run_frames(simulation, writer, frames, watch, frame_seconds, progress, signals, watcher)
     except OutputError:
         raise
     except LeafwarpError as error:
@@ -271,6 +302,7 @@ def _run_frames(
     frame_seconds: list[float],
     progress: Progress,
     signals: Sequence[int],
+    watcher: Watcher | None,
 ) -> None:
     """Compute all frames and write those asked for; the time of each is appended to ``frame_seconds``."""
     sheet = simulation.stage("contact_sheet")
@@ -283,6 +315,8 @@ def _run_frames(
             if sheet is not None:
                 with watch("contact_sheet"):
                     sheet.capture(frame)
+            if watcher is not None:
+                watcher.look(simulation, frame)
             now = time.perf_counter()
             frame_seconds.append(now - lap)
             progress.step(frame.index, now - lap)

@@ -246,7 +246,7 @@ def test_maps_follow_the_mesh_and_finer_ones_are_told(small_scene) -> None:
 
 
 def test_prescribed_water_and_tradeoff_refuse_what_they_cannot_do(small_scene, tmp_path) -> None:
-    from leafwarp.study.tradeoff import run_tradeoff
+    from leafwarp.study.tradeoff.study import run_tradeoff
 
     scene = changed(small_scene, leaves__count=2)
     with pytest.raises(InputError, match="leave this table out"):

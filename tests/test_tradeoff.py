@@ -55,6 +55,7 @@ def quick():
     """A study that looks no further than it must: the reference is what the search begins with."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "single_changes", few_singles)
+        patch.setattr(study, "preset_settings", lambda scene: {"draft": Setting.of(scene).with_(vertices=80)})
         patch.setattr(study, "REFERENCE_SHARE", 0.0)
         yield
 
@@ -90,8 +91,11 @@ def test_every_choice_is_measured(result: dict) -> None:
     assert {row["varied"] for row in result["settings"]} == {
         "as written", "maps.size = [48, 64]", "fluid.scheme = unsplit", "fluid.step = 2400", "mesh.vertices = 240",
         "no angular springs", "motion.method = quasistatic", "solver.coupling_interval = 7200", "solver.substep = 0.45",
-        "solver.precision = float64",
+        "solver.precision = float64", "mesh.vertices = 80",
     }  # fmt: skip
+    assert [(row["name"], row["varied"]) for row in result["settings"] if row["name"]] == [
+        ("scene", "as written"), ("draft", "mesh.vertices = 80"),
+    ]  # fmt: skip
     for row in result["settings"]:
         assert row["status"] == "done"
         assert 0.0 < row["fluid_seconds"] < row["seconds"]
@@ -126,7 +130,7 @@ def test_choices_do_what_they_say(result: dict) -> None:
 def test_the_reference_says_how_far_it_is_from_the_truth(result: dict) -> None:
     reference = result["reference"]
     assert (reference["scheme"], reference["precision"]) == ("unsplit", "float64")
-    assert [refinement["kind"] for refinement in reference["refinements"]] == ["map", "step", "coupling"]
+    assert [refinement["kind"] for refinement in reference["refinements"]] == ["map", "step", "mesh", "coupling"]
     own = reference["own_errors"]
     for kind in ("water", "shape"):
         assert own[f"{kind}_error"] == pytest.approx(sum(r[kind] for r in reference["refinements"]))
@@ -152,8 +156,9 @@ def test_the_search_refines_what_changes_the_most(small_scene: Path, leaf_cache:
         lambda: 30.0 - next(clock), lambda text: None,
     )  # fmt: skip
     kinds = [refinement.kind for refinement in reference.refinements]
-    # Of sixty vertices there is no coarser mesh; the coupling is without any error here.
-    assert kinds[:5] == ["map", "step", "coupling", "mesh", "map"] and "mesh" in kinds[5:]
+    # The coupling is without any error here.
+    assert kinds[:5] == ["map", "step", "mesh", "coupling", "map"] and "mesh" in kinds[5:]
+    assert kinds.count("coupling") == 1
     assert reference.is_converged
     left = 0.4 / reference.setting.map_size[1] + reference.setting.fluid_step / 1e7
     left += 0.02 / reference.setting.vertices**0.5
@@ -260,6 +265,7 @@ def test_several_shapes_are_said_instead_of_an_error(
 
 def test_a_long_film_is_shortened(small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch) -> None:
     monkeypatch.setattr(study, "FILM_SHARE", 1e-9)
+    monkeypatch.setattr(study, "preset_settings", lambda scene: {})
     monkeypatch.setattr(study, "single_changes", lambda scene: [])
     monkeypatch.setattr(study, "combinations", lambda *arguments: [])
     counting = Counting()

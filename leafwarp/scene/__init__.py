@@ -9,23 +9,25 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any, Literal
 
 from pydantic import Field, PrivateAttr, ValidationError, model_validator
 
 from leafwarp.errors import InputError
 from leafwarp.scene.derived import derived_tables
 from leafwarp.scene.explain import explain
-from leafwarp.scene.fields import Curve, Table, plain_number, varies
+from leafwarp.scene.fields import Bounds, Curve, Fraction, Table, plain_number, varies
 from leafwarp.scene.leaf import MOST_CELLS, LeafTable, MapsTable, MeshTable
 from leafwarp.scene.leaves import LeavesTable
 from leafwarp.scene.material import MaterialTable
+from leafwarp.scene.quality import QUALITIES
 from leafwarp.scene.running import OutputTable, SolverTable, TimeTable
 from leafwarp.scene.structure import MOST_SHRINK, CurlTable, MotionTable, ShrinkTable, StructureTable
 from leafwarp.scene.water import AirTable, FluidTable, SourceTable, StomataTable, TranspirationTable, WaterTable
 
 # Cells of the maps of all leaves together: a square of the most that one map may have each way.
 MOST_ATLAS_CELLS = MOST_CELLS**2
+MOST_COUPLINGS = 10_000_000
 
 __all__ = ["Curve", "MotionTable", "Scene", "put_value"]
 
@@ -42,6 +44,16 @@ class Scene(Table):
 
     name: str = Field(
         "leaf", pattern=r"^[A-Za-z0-9_.-]+$", description="Name of the outputs; default: the file's name."
+    )
+    quality: Literal[tuple(QUALITIES)] | None = Field(
+        None,
+        description="draft, balanced or final: decides mesh.vertices, maps.size, fluid.step and fluid.scheme where "
+        "they are left out. Default: each has its own default.",
+    )
+    tolerance: Annotated[Fraction, Bounds(1e-4, 0.5, "", "a string may say %: '1 %'")] | None = Field(
+        None,
+        description="Error of the shape that is accepted, as a share of the leaf's length; instead of quality: run "
+        "finds by coarse films what it takes, and reports the error that it reached.",
     )
     leaf: LeafTable = Field(json_schema_extra=_or_a_list)
     leaves: LeavesTable | None = None
@@ -84,6 +96,18 @@ class Scene(Table):
 
     @model_validator(mode="after")
     def _consistent(self) -> Scene:
+        if self.quality is not None and self.tolerance is not None:
+            raise ValueError(f"quality = '{self.quality}' and tolerance = {self.tolerance:g}: accepted: one of the two")
+        for name in ("quality", "tolerance"):
+            if getattr(self, name) is not None and self.leaves is not None:
+                raise ValueError(f"{name}: accepted without [leaves]: it is measured on one leaf")
+        interval = self.solver.coupling_interval
+        if interval is not None and self.time.duration / interval > MOST_COUPLINGS:
+            raise ValueError(
+                f"solver.coupling_interval = {interval:g} s: {self.time.duration / interval:.3g} of them fill "
+                f"time.duration = {self.time.duration:g} s; accepted: at most {MOST_COUPLINGS:.3g}, an interval of "
+                f"{self.time.duration / MOST_COUPLINGS:.3g} s or more"
+            )
         if (self.fluid is None) == (self.water is None):
             raise ValueError("give either [fluid] (water that flows) or [water] (water that is prescribed)")
         if self.fluid is None:

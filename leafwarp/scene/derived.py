@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 from pydantic import ValidationError
 
 from leafwarp.scene.fields import Table, plain_number
+from leafwarp.scene.quality import QUALITIES, Resolution
 from leafwarp.scene.structure import CurlTable, ShrinkTable
 from leafwarp.scene.water import TranspirationTable
 
@@ -29,6 +30,9 @@ def derived_tables(scene: Scene) -> dict[str, Table | None]:
     """
     tables: dict[str, Table | None] = {}
     structure = scene.structure
+    level = QUALITIES.get(scene.quality, QUALITIES["balanced"] if scene.tolerance is not None else None)
+    if level is not None:
+        tables |= _resolved(scene, Resolution.of(level))
     if scene.material is not None:
         material = scene.material
         structure = _filled("structure", structure, material)
@@ -50,11 +54,21 @@ def derived_tables(scene: Scene) -> dict[str, Table | None]:
         tables["solver"] = _in_double_precision(scene)
     if scene.fluid is not None:
         alone = scene.leaves is None and tables.get("solver", scene.solver).precision == "float32"
-        tables["fluid"] = scene.fluid.filled(solver="conjugate_gradients" if alone else "factor")
+        fluid = tables.get("fluid", scene.fluid)
+        tables["fluid"] = fluid.filled(solver="conjugate_gradients" if alone else "factor")
     if scene.leaves is not None:
         tables["maps"] = scene.maps.filled(size=suitable_cells(scene.mesh.vertices))
     if scene.stomata is not None or scene.air is not None:
         tables["transpiration"] = _transpiration(scene, tables["structure"].water_mass)
+    return tables
+
+
+def _resolved(scene: Scene, resolution: Resolution) -> dict[str, Table | None]:
+    """The tables that say how finely the scene is computed, at a resolution."""
+    tables: dict[str, Table] = {}
+    for key, value in resolution.values(scene).items():
+        name, _, key = key.partition(".")
+        tables[name] = tables.get(name, getattr(scene, name)).filled(**{key: value})
     return tables
 
 

@@ -11,6 +11,7 @@ from typing import Any
 from leafwarp.errors import InputError
 from leafwarp.scene import Scene, put_value
 from leafwarp.scene.fields import Table
+from leafwarp.scene.quality import DECIDED
 
 
 def parse_scene(data: Mapping[str, Any], where: str, folder: Path) -> Scene:
@@ -41,12 +42,24 @@ def _with_absolute_paths(photo: Table, folder: Path) -> dict[str, Any]:
     return {key: folder / value if isinstance(value, Path) else value for key, value in values.items()}
 
 
+def _make_way(data: dict[str, Any], changed: Mapping[str, Any]) -> None:
+    """Take away what a quality or a tolerance of the command line decides, where that does not say it itself."""
+    for asked, other in (("quality", "tolerance"), ("tolerance", "quality")):
+        if asked in changed:
+            data.pop(other, None)
+            for key in DECIDED:
+                table, _, name = key.partition(".")
+                if isinstance(data.get(table), dict):
+                    data[table].pop(name, None)
+
+
 def load_scene(path: Path, changes: Sequence[str] = ()) -> Scene:
     """Read a scene file.
 
     Args:
         path: A TOML file.
-        changes: Overrides "key=value" as on the command line; the value is TOML, or else a plain string.
+        changes: Overrides "key=value" as on the command line; the value is TOML, or else a plain string. A quality or
+            a tolerance among them also overrides the keys of the file that it decides.
 
     Raises:
         InputError: No such file, not TOML, or not a valid scene.
@@ -59,6 +72,7 @@ def load_scene(path: Path, changes: Sequence[str] = ()) -> Scene:
         raise InputError(f"{path}: cannot be read as a text file: {error}") from None
     except tomllib.TOMLDecodeError as error:
         raise InputError(f"{path}: not valid TOML: {error}") from None
+    changed: dict[str, Any] = {}
     for change in changes:
         key, separator, text = change.partition("=")
         if not separator or not key.strip():
@@ -67,6 +81,9 @@ def load_scene(path: Path, changes: Sequence[str] = ()) -> Scene:
             value = tomllib.loads(f"value = {text}")["value"]
         except tomllib.TOMLDecodeError:
             value = text.strip()
-        put_value(data, key.strip(), value, "--set ")
+        changed[key.strip()] = value
+    _make_way(data, changed)
+    for key, value in changed.items():
+        put_value(data, key, value, "--set ")
     data.setdefault("name", re.sub(r"[^A-Za-z0-9_.-]+", "_", path.stem))
     return parse_scene(data, str(path), path.parent)

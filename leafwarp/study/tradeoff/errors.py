@@ -6,7 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from leafwarp.study.tradeoff.trial import Trial
+from leafwarp.study.tradeoff.trial import Film
 
 
 @dataclass(frozen=True)
@@ -30,8 +30,8 @@ class Errors:
     shape_over_time: np.ndarray
 
 
-def errors_of(trial: Trial, reference: Trial, length: float) -> Errors:
-    """Compare a trial with a reference at the same points of the leaf, which are spread evenly over it.
+def errors_of(film: Film, reference: Film, length: float) -> Errors:
+    """Compare a film with a reference at the same points of the leaf, which are spread evenly over it.
 
     The distance is that of a point of the leaf's matter from where the reference has it, so that a leaf that slides or
     turns within its own surface is not taken for right. Neither mesh nor map enters: both are sampled at the same
@@ -39,13 +39,13 @@ def errors_of(trial: Trial, reference: Trial, length: float) -> Errors:
     dry throughout, relative to a saturated leaf.
 
     Args:
-        trial: The trial.
+        film: The film.
         reference: The reference.
         length: Length of the leaf [m].
     """
-    difference = np.square(trial.water.astype(np.float64) - reference.water)
+    difference = np.square(film.water.astype(np.float64) - reference.water)
     content = np.square(reference.water.astype(np.float64))
-    distance = np.square(trial.points.astype(np.float64) - reference.points).sum(axis=2) / length**2
+    distance = np.square(film.points.astype(np.float64) - reference.points).sum(axis=2) / length**2
     size = content.mean() or 1.0
     return Errors(
         water=float(np.sqrt(difference.mean() / size)),

@@ -15,11 +15,12 @@ from leafwarp.study.tradeoff.setting import Setting
 from leafwarp.study.tradeoff.trial import Trial
 from leafwarp.study.tradeoff.worker import OutOfTime
 
-# Where the search begins: cells across, fluid steps, vertices over the scene's.
+# Where the search begins: cells across, and fluid steps; the mesh is the scene's own.
 FIRST_CELLS = 128
 FIRST_STEPS = 180
-FIRST_VERTICES = 0.5
 TIGHT_FORCE_TOLERANCE = 1e-4
+# Of the water's error beside the shape's.
+WATER_WEIGHT = 0.1
 # A refinement that changes neither water nor shape by more than this is the last of its kind.
 CONVERGED = 5e-4
 # Below this a finer mesh or map is not tried: rounding, and the samples, decide.
@@ -46,8 +47,8 @@ class Refinement:
 
     @property
     def size(self) -> float:
-        """What decides which refinement comes next."""
-        return self.water + self.shape
+        """What decides which refinement comes next: the shape, which everything acts on."""
+        return self.shape + WATER_WEIGHT * self.water
 
     def as_dict(self) -> dict[str, Any]:
         """As plain data."""
@@ -98,7 +99,6 @@ def first_setting(scene: Scene) -> Setting:
     first = own.with_(
         scheme=own.scheme and "unsplit",
         precision="float64",
-        vertices=max(30, round(FIRST_VERTICES * own.vertices)),
         force_tolerance=own.force_tolerance and min(own.force_tolerance, TIGHT_FORCE_TOLERANCE),
         coupling_interval=_default_coupling(scene),
     )

@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
 from leafwarp.scene import Scene
+from leafwarp.scene.quality import QUALITIES, Resolution
 
 # Cells across of the finest map, and vertices of the coarsest and of the finest mesh, that are tried unasked.
 MOST_CELLS = 1024
@@ -136,6 +137,20 @@ KEYS = {
     "force_tolerance": "solver.force_tolerance",
     "precision": "solver.precision",
 }
+
+
+def preset_settings(scene: Scene) -> dict[str, Setting]:
+    """The scene's setting with each quality in place of what it says itself, by name."""
+    presets = {}
+    for name, level in QUALITIES.items():
+        resolution, own = Resolution.of(level), Setting.of(scene)
+        preset = own.with_(vertices=resolution.vertices)
+        if own.map_size is not None:
+            preset = preset.with_(map_size=(resolution.cells, resolution.cells))
+        if own.fluid_step is not None:
+            preset = preset.with_(fluid_step=scene.time.duration / resolution.fluid_steps)
+        presets[name] = preset.with_(scheme=own.scheme and "unsplit")
+    return presets
 
 
 def single_changes(scene: Scene) -> Iterator[Setting]:

@@ -30,7 +30,7 @@ from leafwarp.study.tradeoff.costs import CostModel
 from leafwarp.study.tradeoff.errors import errors_of, pareto_front
 from leafwarp.study.tradeoff.explore import combinations
 from leafwarp.study.tradeoff.reference import Reference, find_reference, first_setting
-from leafwarp.study.tradeoff.setting import Setting, single_changes
+from leafwarp.study.tradeoff.setting import Setting, preset_settings, single_changes
 from leafwarp.study.tradeoff.summary import percent, summarise
 from leafwarp.study.tradeoff.surface import sample_points
 from leafwarp.study.tradeoff.table import Row, append_row, write_rows
@@ -173,6 +173,7 @@ class _Study:
         self._places = output / TRIALS / "places.npy"
         np.save(self._places, sample_points(self._leaf.mesh))
         self._film = scene
+        self._names: dict[Setting, str] = {}
         self._trials: dict[Setting, Trial] = {}
         self._settings: list[Setting] = []  # of the rows
 
@@ -193,15 +194,16 @@ class _Study:
         )
         if not has_one_shape:
             self._say(_several_shapes(nudged))
-        singles = list(dict.fromkeys([self._base, *single_changes(self._film)]))
-        self._measure(
-            sorted(singles, key=lambda s: (s != self._base, self._costs.predict(s))), reference, has_one_shape
-        )
+        self._names = {setting: name for name, setting in preset_settings(self._film).items()} | {self._base: "scene"}
+        self._measure([self._base, *(s for s in self._names if s != self._base)], reference, has_one_shape)
+        singles = set(single_changes(self._film)) | {self._base}
+        others = sorted(singles - set(self._names), key=self._costs.predict)
+        self._measure(others, reference, has_one_shape)
         kind = "shape" if has_one_shape else "water"
         self._measure_combinations(reference, has_one_shape, kind)
         self._mark(own)
         of_singles = [row for row, setting in zip(self.rows, self._settings, strict=True) if setting in singles]
-        summary = summarise(self.rows, kind, of_singles)
+        summary = summarise(self.rows, kind, of_singles, own[f"{kind}_error"])
         if not has_one_shape:
             summary.append(_several_shapes(nudged))
         if not reference.is_converged:
@@ -325,8 +327,7 @@ class _Study:
     def _add_row(self, setting: Setting, reference: Reference, has_one_shape: bool, ahead: float) -> None:
         """Compute a setting, if there is time, and add it to the table."""
         predicted = self._costs.predict(setting)
-        name = "scene" if setting == self._base else ""
-        row = Row.of(setting, name, setting.in_words(self._base), predicted)
+        row = Row.of(setting, self._names.get(setting, ""), setting.in_words(self._base), predicted)
         if setting not in self._trials and predicted > self._left:
             row.status = "skipped: budget"
         else:

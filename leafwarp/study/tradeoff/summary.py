@@ -17,17 +17,23 @@ def percent(share: float) -> str:
     return f"{100.0 * share:.2g} %"
 
 
-def summarise(rows: Sequence[Row], kind: str, singles: Sequence[Row]) -> list[str]:
+def summarise(rows: Sequence[Row], kind: str, singles: Sequence[Row], floor: float) -> list[str]:
     """Sentences for a user who has to choose.
 
     Args:
         rows: All rows.
         kind: The error to go by: "shape" or "water".
         singles: Those that depart from the scene as written in one choice.
+        floor: The reference's own error, below which settings cannot be told apart.
     """
 
-    def error(row: Row) -> float:
-        return getattr(row, f"{kind}_error")
+    def error(row: Row) -> float | None:
+        found = getattr(row, f"{kind}_error")
+        return None if found is None else max(found, floor)
+
+    def said(row: Row) -> str:
+        found = getattr(row, f"{kind}_error")
+        return percent(found) if found > floor else f"below the reference's own {percent(floor)}"
 
     measured = [row for row in rows if row.measured and error(row) is not None]
     own = next((row for row in measured if row.name == "scene"), None)
@@ -36,13 +42,13 @@ def summarise(rows: Sequence[Row], kind: str, singles: Sequence[Row]) -> list[st
     if own is not None:
         sentences.append(
             f"As written the film takes {own.seconds:.3g} s, {own.seconds_per_second:.3g} s a second of playback; its "
-            f"error is {percent(error(own))} {what}."
+            f"error is {said(own)} {what}."
         )
         changes = [row for row in singles if row.measured and error(row) is not None]
-        better = min(changes, key=error, default=own)
+        better = min(changes, key=lambda row: (error(row), row.seconds), default=own)
         if error(better) < 0.8 * error(own):
             sentences.append(
-                f"What costs the most error: with {better.varied} it is {percent(error(better))}, in "
+                f"What costs the most error: with {better.varied} it is {said(better)}, in "
                 f"{better.seconds / own.seconds:.2g} times the time."
             )
         else:
@@ -52,7 +58,7 @@ def summarise(rows: Sequence[Row], kind: str, singles: Sequence[Row]) -> list[st
         if fastest.seconds < 0.9 * own.seconds:
             sentences.append(
                 f"What buys the most speed: with {fastest.varied} it takes {fastest.seconds / own.seconds:.2g} times "
-                f"the time, with an error of {percent(error(fastest))}."
+                f"the time; its error is {said(fastest)}."
             )
         else:
             sentences.append("No single choice would make it much faster at about the same error.")
@@ -62,6 +68,6 @@ def summarise(rows: Sequence[Row], kind: str, singles: Sequence[Row]) -> list[st
             row = min(enough, key=lambda row: row.seconds)
             sentences.append(
                 f"The fastest with an error of {percent(wanted)} at most: {row.varied} ({row.seconds:.3g} s, "
-                f"{percent(error(row))})."
+                f"{said(row)})."
             )
     return sentences

@@ -21,12 +21,23 @@ SAMPLED_FRAMES = 25
 
 
 @dataclass(frozen=True)
-class Trial:
-    """What was computed with a setting.
+class Film:
+    """What is compared.
 
     Attributes:
         points: Positions [m] of the sampled points of the leaf, shape [frame_count, point_count, 3].
         water: Relative water content there, shape [frame_count, point_count].
+    """
+
+    points: np.ndarray
+    water: np.ndarray
+
+
+@dataclass(frozen=True)
+class Trial(Film):
+    """What was computed with a setting, and what it took.
+
+    Attributes:
         start_seconds: Wall time until the first frame began, kernels being loaded: arrays, factors, settling [s].
         fluid_seconds: Wall time of the fluid and the coupling [s].
         motion_seconds: Wall time of the motion [s].
@@ -38,8 +49,6 @@ class Trial:
         vertices: Vertices of the mesh.
     """
 
-    points: np.ndarray
-    water: np.ndarray
     start_seconds: float
     fluid_seconds: float
     motion_seconds: float
@@ -96,7 +105,7 @@ def run_trial(scene: Scene, leaf: Leaf, places: np.ndarray, device: str) -> Tria
     Raises:
         SimulationError: The scene cannot be computed so.
     """
-    sampler = _Sampler(leaf, places)
+    sampler = Sampler(leaf, places)
     with Compilation(scene, device) as compilation:
         compilation.wait()
     begin = time.perf_counter()
@@ -129,8 +138,13 @@ def run_trial(scene: Scene, leaf: Leaf, places: np.ndarray, device: str) -> Tria
     )
 
 
-class _Sampler:
-    """Reads shape and water at points of the leaf."""
+class Sampler:
+    """Reads shape and water at points of the leaf.
+
+    Args:
+        leaf: The leaf.
+        places: The points [m], in the photographed leaf, shape [point_count, 2].
+    """
 
     def __init__(self, leaf: Leaf, places: np.ndarray):
         self._mesh = leaf.mesh
