@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 PACKAGES = ("warp-lang", "numpy", "scipy", "opencv-python-headless", "netgen-mesher", "usd-core")
 # Done once a run, however many frames it has.
-ONCE = ("prepare", "compile", "start", "settle", "usd_close", "contact_sheet_draw")
+ONCE = ("tolerance", "prepare", "compile", "start", "settle", "usd_close", "contact_sheet_draw")
 
 
 def package_versions() -> dict[str, str]:

@@ -14,8 +14,8 @@ if TYPE_CHECKING:
     from leafwarp.scene import Scene
 
 # Levels of the presets, on the front of speed and accuracy of the shipped scenes (benchmarks/presets.py).
-QUALITIES = {"draft": 1, "balanced": 3, "final": 5}
-HIGHEST_LEVEL = 8
+QUALITIES = {"draft": 0, "balanced": 2, "final": 4}
+HIGHEST_LEVEL = 7
 # Keys that a quality or a tolerance decides where the scene leaves them out.
 DECIDED = ("mesh.vertices", "maps.size", "fluid.step", "fluid.scheme")
 
@@ -38,7 +38,7 @@ class Resolution:
     def of(cls, level: int) -> Resolution:
         """The resolution of a level, 0 to :data:`HIGHEST_LEVEL`."""
         finer = 2.0 ** (level / 2)
-        return cls(round(48 * finer), round(150 * finer**2), round(60 * finer))
+        return cls(round(96 * finer), round(150 * finer**2), round(40 * finer))
 
     def values(self, scene: Scene) -> dict[str, Any]:
         """What it makes of the keys of :data:`DECIDED` that the scene leaves out and has a use for."""
