@@ -1,0 +1,56 @@
+"""The committed table of the presets belongs to the presets of the code, and none is beaten in it."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+
+from benchmarks.presets import BETTER, KEPT, beating, setting_of
+from leafwarp.scene.file import load_scene
+from leafwarp.scene.quality import QUALITIES, Resolution
+from leafwarp.study.tradeoff.setting import Setting
+from leafwarp.study.tradeoff.table import Row
+
+
+def test_the_committed_table_is_of_these_presets() -> None:
+    found = json.loads(KEPT.read_text())
+    assert {one["quality"] for one in found} == set(QUALITIES)
+    for one in found:
+        wanted = Resolution.of(QUALITIES[one["quality"]])
+        assert one["cells"] in (None, wanted.cells) and one["fluid_steps"] in (None, wanted.fluid_steps)
+        assert one["compared_with"] >= 10
+        assert all(by["time"] < BETTER for by in one["beaten_by"])
+
+
+def test_no_preset_is_beaten_in_it() -> None:
+    assert [one for one in json.loads(KEPT.read_text()) if one["beaten_by"]] == []
+
+
+def test_finer_presets_are_slower_and_nearer() -> None:
+    found = json.loads(KEPT.read_text())
+    for scene in {one["scene"] for one in found}:
+        draft, balanced, final = (
+            next((one for one in found if (one["scene"], one["quality"]) == (scene, quality)), None)
+            for quality in QUALITIES
+        )
+        for coarse, fine in ((draft, balanced), (balanced, final)):
+            if fine is not None:
+                assert coarse["seconds"] < fine["seconds"] and coarse["water_error"] > fine["water_error"]
+
+
+def test_what_beats_a_preset() -> None:
+    def row(seconds: float, error: float) -> dict:
+        return {"seconds": seconds, "shape_error": error}
+
+    preset = row(1.0, 0.05)
+    rows = [preset, row(0.95, 0.01), row(0.8, 0.046), row(0.8, 0.04), row(0.5, 0.06), row(None, None)]
+    result = {"settings": rows, "reference": {"own_errors": {"shape_error": 0.01}}}
+    assert beating(result, preset, "shape") == [row(0.8, 0.04)]
+    # What the reference cannot tell apart beats nothing.
+    result["reference"]["own_errors"]["shape_error"] = 0.05
+    assert beating(result, preset, "shape") == []
+
+
+def test_a_row_tells_its_setting(small_scene: Path) -> None:
+    setting = Setting.of(load_scene(small_scene)).with_(motion="implicit")
+    assert setting_of(vars(Row.of(setting, "", "", 1.0))) == setting
