@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import warp as wp
 
+from leafwarp.errors import SimulationError
 from leafwarp.frame import Frame
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
@@ -112,9 +113,17 @@ class Simulation:
                     stage.run(interval)
 
     def read_frame(self, index: int) -> Frame:
-        """The present state as frame ``index`` (0: the rest pose)."""
+        """The present state as frame ``index`` (0: the rest pose).
+
+        Raises:
+            SimulationError: It is not sound.
+        """
         with self.watch("frame"):
-            frame = self.stage("frame").read(index, self.plant_time(max(index, 1)))
+            output = self.stage("frame")
+            frame = output.read(index, self.plant_time(max(index, 1)))
+            if self.fluid is not None:
+                self.fluid.check(index)
+            output.check(frame)
             display_color = self.stage("display_color")
             return frame if display_color is None else display_color.color(frame)
 
@@ -126,18 +135,29 @@ class Simulation:
                 its water is that of the part that failed.
         """
         substeps = 0
-        duration = 1.0 / (self.scene.time.fps * self.couplings_per_frame)
         for moment in self.moments(frame):
             for part in moment.looks:
                 if self.fluid is not None:
                     self.fluid.advance(part.end, frame)
                 self._couple(part)
-            with self.watch("motion"):
-                if moment.on_path:
-                    substeps += self.motion.follow(frame)
-                if moment.moves:
-                    substeps += self.motion.advance(duration, frame)
+            try:
+                substeps += self._move(moment, frame)
+            except SimulationError:
+                # Of water that is none no shape can be made.
+                if self.fluid is not None:
+                    self.fluid.check(frame)
+                raise
         self.substeps.append(substeps)
+
+    def _move(self, moment: Moment, frame: int) -> int:
+        """Let the structure follow the water to a moment, and return the substeps that it took."""
+        substeps = 0
+        with self.watch("motion"):
+            if moment.on_path:
+                substeps += self.motion.follow(frame)
+            if moment.moves:
+                substeps += self.motion.advance(1.0 / (self.scene.time.fps * self.couplings_per_frame), frame)
+        return substeps
 
     def moments(self, frame: int) -> list[Moment]:
         """When the structure is told of the water between the frame before and this one."""

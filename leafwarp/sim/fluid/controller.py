@@ -103,8 +103,22 @@ class Fluid:
                     with self._watch(stage.name):
                         stage.run(interval)
                 except NotConverged as error:
-                    raise SimulationError(frame, stage.name, str(error)) from None
+                    # Where a solver is given what is no water, it is not to blame.
+                    raise SimulationError(frame, stage.name, self._water.fault("water") or str(error)) from None
         self.steps_done = index + 1
+
+    def check(self, frame: int) -> None:
+        """See whether the water of the last look is sound, by what its kernel has seen; waits for the device.
+
+        Args:
+            frame: Number of the frame, for the message of an error.
+
+        Raises:
+            SimulationError: It is not.
+        """
+        wrong, _ = self._water.last_signs()
+        if wrong == self._water.looks > 0:
+            raise SimulationError(frame, self._water.name, self._water.fault())
 
     def _replay(self, commands: list[Command]) -> None:
         """Run launches as a graph, captured when they are first asked for."""

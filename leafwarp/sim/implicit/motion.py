@@ -12,6 +12,7 @@ import numpy as np
 from leafwarp.errors import SimulationError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
+from leafwarp.sim.guards import find_fault
 from leafwarp.sim.implicit import NotConverged
 from leafwarp.sim.implicit.newton import Accuracy, Memory, Newton
 from leafwarp.sim.implicit.relaxation import keeps_from_turning, relax
@@ -101,15 +102,15 @@ class NewtonMotion(ABC):
                 return steps
         self._upload(saved)
         self.newton.recall(memory)
-        raise SimulationError(frame, self._stage.name, fault)
+        raise SimulationError(frame, self._stage.name, find_fault(self._state) or fault)
 
     def _fault(self, start: np.ndarray, most_stretch: float) -> str | None:
         """What is wrong with a frame that began at positions [m], and what would help."""
         travel = float(np.linalg.norm(self._positions() - start, axis=1).max())
-        if travel > FARTHEST_TRAVEL * self._leaf.length:
+        if not travel <= FARTHEST_TRAVEL * self._leaf.length:
             return f"{thrown(travel, self._leaf.length)}; {self.remedy}"
         stretch = self._largest_stretch()
-        return f"{torn(stretch)}; {TORN_REMEDY}" if stretch > most_stretch else None
+        return f"{torn(stretch)}; {TORN_REMEDY}" if not stretch <= most_stretch else None
 
     def settle(self) -> Settled:
         """Let the leaf come to rest under the forces of the moment; its velocities are zero afterwards.
@@ -122,7 +123,8 @@ class NewtonMotion(ABC):
             with one_thread():
                 found = self._rest()
         except NotConverged as error:
-            raise SimulationError(0, "settling", f"{error}; lower the load or raise the stiffness") from None
+            fault = find_fault(self._state) or f"{error}; lower the load or raise the stiffness"
+            raise SimulationError(0, "settling", fault) from None
         stretch = self._largest_stretch()
         if stretch > MOST_STRETCH:
             raise SimulationError(0, "settling", f"{torn(stretch)}; {TORN_REMEDY}")
