@@ -16,7 +16,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import clocks, fluid, memory, scaling, startup, structure, table2, unsplit
+from benchmarks import clocks, fluid, guards, memory, scaling, startup, structure, table2, unsplit
 from benchmarks.peers import motion as peers
 from benchmarks.results import describe_machine, write_section
 from leafwarp.errors import InputError
@@ -31,6 +31,7 @@ BENCHMARKS = {
     "memory": memory,
     "startup": startup,
     "clocks": clocks,
+    "guards": guards,
     "peers": peers,
 }
 UNNAMED = "table2"

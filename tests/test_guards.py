@@ -212,3 +212,28 @@ def test_the_frames_before_a_fault_are_kept(small_scene, prepared_folder, monkey
     points = stage.GetPrimAtPath("/Leaf/geo").GetChildren()[0].GetAttribute("points")
     assert points.GetTimeSamples() == [1.0, 2.0, 3.0, 4.0]
     assert all(np.isfinite(points.Get(time)).all() for time in points.GetTimeSamples())
+
+
+def test_the_benchmark_measures_a_frame_with_and_without_the_checks(
+    small_scene, scene_leaf, monkeypatch, capsys
+) -> None:
+    from benchmarks import guards
+    from benchmarks.__main__ import main as benchmark
+
+    monkeypatch.setattr(guards, "prepare_scene_leaf", lambda scene, cache: scene_leaf(scene))
+    monkeypatch.setattr(guards, "SCENE", small_scene)
+    assert benchmark(["guards", "--quick"]) == 0
+    assert "| 64^2 |" in capsys.readouterr().out
+    scene = load_scene(small_scene)
+    for is_guarded in (True, False):
+        if is_guarded:
+            simulation = Simulation(scene, scene_leaf(scene), "cpu")
+        else:
+            with guards.without_guards():
+                simulation = Simulation(scene, scene_leaf(scene), "cpu")
+        water, stable_step = simulation.stage("water"), simulation.stage("stable_step")
+        simulation.state["water"].fill_(np.nan)
+        water.blend(1.0)
+        assert (water.last_signs()[0] == water.looks) == is_guarded
+        simulation.state["edge_rest_length"].fill_(-1.0)
+        assert np.isnan(stable_step.largest_stretch()) == is_guarded
