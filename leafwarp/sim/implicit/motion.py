@@ -271,6 +271,7 @@ class Quasistatic(NewtonMotion):
         super().start()
         self._rest_state = self._copies(REST_STATE)
         self._path: _Place | None = None
+        self._left: _Place | None = None
         self._shown = self._positions()
 
     def settle(self) -> Settled:
@@ -306,7 +307,17 @@ class Quasistatic(NewtonMotion):
         return steps
 
     def _leave_path(self, frame: int) -> int:
-        """Go to the equilibrium of the moment from the path's last one; the velocity stays."""
+        """Go to the equilibrium of the moment from the path's last one; the velocity stays.
+
+        From the same place to the same rest state the way is the same: it is not gone again.
+        """
+        if self._path is not None and self._left is self._path and self._rests():
+            return 0
+        steps = self._go_off(frame)
+        self._left = self._path
+        return steps
+
+    def _go_off(self, frame: int) -> int:
         before, velocity = self._place(), self._copies(("velocity",))
         if self._path is not None:
             self._go_back(self._path)
