@@ -35,7 +35,7 @@ class ShapeRest:
         self._frames, self._fps = scene.time.frames, scene.time.fps
         lengths = leaf.join(lambda photo, specimen: np.full(photo.mesh.vertex_count, specimen.size * photo.length))
         self._tolerance = TOLERANCE * lengths
-        self.is_resting = False
+        self._seen = -1
         self.wake()
 
     def wake(self) -> None:
@@ -54,8 +54,9 @@ class ShapeRest:
         Returns:
             Whether it has, just now.
         """
-        if self.is_resting:
+        if self.is_resting or frame <= self._seen:
             return False
+        self._seen = frame
         if self._place is None:
             self._place, self._calm = points, 0
             return False
