@@ -16,7 +16,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import clocks, fluid, memory, scaling, startup, structure, table2, tolerance, unsplit
+from benchmarks import clocks, fluid, guards, memory, scaling, startup, structure, table2, tolerance, unsplit
 from benchmarks.peers import motion as peers
 from benchmarks.results import describe_machine, write_section
 from leafwarp.errors import InputError
@@ -32,6 +32,7 @@ BENCHMARKS = {
     "startup": startup,
     "clocks": clocks,
     "tolerance": tolerance,
+    "guards": guards,
     "peers": peers,
 }
 UNNAMED = "table2"

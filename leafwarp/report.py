@@ -85,6 +85,7 @@ def make_report(
         "fluid": _fluid_report(simulation) if simulation.fluid is not None else None,
         "substeps": {"least": min(substeps, default=0), "most": max(substeps, default=0), "total": sum(substeps)},
         "motion": {
+            "frames_at_rest": sum(count == 0 for count in substeps),
             "retries": simulation.motion.retries,
             "settled": asdict(simulation.settled) if simulation.settled is not None else None,
             "unbalanced_torque": simulation.motion.unbalanced_torque,
@@ -127,6 +128,7 @@ def _fluid_report(simulation: Simulation) -> dict[str, Any]:
     ledger = fluid.ledger()
     report = {
         "steps": fluid.steps_done,
+        "steps_skipped": fluid.steps_skipped,
         "step_seconds": fluid.steps.length,
         "ledger": {**asdict(ledger), "error": ledger.error},
     }

@@ -189,7 +189,7 @@ def test_only_what_the_scene_requires_is_there() -> None:
     mask = ellipse(8)
     sample = make_sample(STILL, mask)
     assert list(sample.stages) == ["water"]
-    assert set(sample.state.names) == {"water", "water_before", "water_now"}
+    assert set(sample.state.names) == {"water", "water_before", "water_now", "water_sign"}
     sample.fluid.advance(600.0)
     assert sample.state.launch_count == 1
     split = make_sample({"fluid": {"lamina_diffusivity": 1e-7, "vein_diffusivity": 1e-7}}, mask)

@@ -6,11 +6,14 @@ Backward Euler over ``dt`` minimises (Martin et al. 2011), with the present posi
 
 where damping along springs is, for an edge of length ``L0`` at the start, ``k tau/(2 dt) (L - L0)^2``. Both
 quadratics of a vertex are one about a goal, and both of a spring are one of another strength and rest length.
+
+Where a mass, a stiffness, a rest length or an angle cannot be, what follows from it is not a number, nor is the energy.
 """
 
 import warp as wp
 
 from leafwarp_kernels.dihedral import reachable
+from leafwarp_kernels.guards import if_finite, non_negative, positive
 
 wp.set_module_options({"enable_backward": False})
 
@@ -33,13 +36,14 @@ def predict(
     """Inertia ``w`` [N/m], goal ``x*`` [m] and load [N] of each vertex for a step of motion."""
     vertex = wp.tid()
     step = time_step[0]
-    own = mass[vertex] / (step * step)
-    air = drag * mass[vertex] / step
+    weighed = positive(mass[vertex])
+    own = weighed / (step * step)
+    air = drag * weighed / step
     here = position[vertex]
     way = (own * velocity[vertex] + air * wind) * (step / (own + air))
     inertia_out[vertex] = own + air
     goal_out[vertex] = here + way
-    load_out[vertex] = mass[vertex] * gravity
+    load_out[vertex] = weighed * gravity
 
 
 @wp.kernel
@@ -54,7 +58,7 @@ def hang(
 ):
     """Load of each vertex at rest [N]: its weight, and the push of the wind."""
     vertex = wp.tid()
-    load_out[vertex] = mass[vertex] * (gravity + drag * wind)
+    load_out[vertex] = positive(mass[vertex]) * (gravity + drag * wind)
 
 
 @wp.kernel
@@ -73,13 +77,13 @@ def damp_edges(
     ``k (1 + c)`` and ``(l + c L0) / (1 + c)``."""
     edge = wp.tid()
     share = damping_share[0]
-    rest = edge_rest_length[edge]
+    rest = non_negative(edge_rest_length[edge])
     total = wp.float64(1.0) + share
     if share > wp.float64(0.0):
         length = wp.length(position[edge_vertices[edge, 0]] - position[edge_vertices[edge, 1]])
         rest = (rest + share * length) / total
     edge_target_length_out[edge] = rest
-    edge_strength_out[edge] = edge_stiffness[edge] * total
+    edge_strength_out[edge] = non_negative(edge_stiffness[edge]) * total
 
 
 @wp.kernel
@@ -97,8 +101,10 @@ def damp_hinges(
     hinge = wp.tid()
     share = damping_share[0]
     total = wp.float64(1.0) + share
-    hinge_target_angle_out[hinge] = (reachable(hinge_rest_angle[hinge]) + share * hinge_angle[hinge]) / total
-    hinge_strength_out[hinge] = hinge_stiffness[hinge] * total
+    rest_angle = hinge_rest_angle[hinge]
+    rest = if_finite(reachable(rest_angle), rest_angle)
+    hinge_target_angle_out[hinge] = (rest + share * hinge_angle[hinge]) / total
+    hinge_strength_out[hinge] = non_negative(hinge_stiffness[hinge]) * total
 
 
 @wp.kernel

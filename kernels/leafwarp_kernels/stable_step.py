@@ -12,6 +12,8 @@ To it come the parts of the stiffness that the present forces make: a stretched 
 diagonal ``h_j sum h``, with ``h_c``, ``h_d`` the inverse heights,
 ``h_a = |1 - s| h_c + |1 - t| h_d + 1 / |e|`` and ``h_b`` alike (found at most 0.67 over random hinges of
 every angle, with feet and heights far outside those of a leaf mesh).
+
+Where a mass, a stiffness, a rest length or an angle cannot be, neither the bound nor the stretch is a number.
 """
 
 from typing import Any
@@ -19,6 +21,7 @@ from typing import Any
 import warp as wp
 
 from leafwarp_kernels.dihedral import dihedral, reachable
+from leafwarp_kernels.guards import if_finite, non_negative, positive
 
 wp.set_module_options({"enable_backward": False})
 
@@ -64,7 +67,7 @@ def edge_bound(
         edge = vertex_edges[k]
         along = here - position[vertex_neighbors[k]]
         inverse = edge_stiffness.dtype(1.0) / wp.max(wp.length(along), edge_stiffness.dtype(1.0e-12))
-        stiffness = edge_stiffness.dtype(2.0) * edge_stiffness[edge]
+        stiffness = edge_stiffness.dtype(2.0) * non_negative(edge_stiffness[edge])
         stretch = wp.max(edge_stiffness.dtype(0.0), edge_stiffness.dtype(1.0) - edge_rest_length[edge] * inverse)
         direction = along * inverse
         bound += wp.outer(direction, direction) * (stiffness * (edge_stiffness.dtype(1.0) - stretch))
@@ -99,7 +102,7 @@ def edge_frequencies(
             edge_rest_length,
             edge_stiffness,
         )
-        squared = (largest_eigenvalue(bound) + across) / mass[vertex]
+        squared = (largest_eigenvalue(bound) + across) / positive(mass[vertex])
     squared_frequency_out[vertex] = squared
 
 
@@ -124,7 +127,7 @@ def hinge_bounds(
     )
     gradient_b = -(foot_c * gradient_c + foot_d * gradient_d)
     gradient_a = -(gradient_c + gradient_d + gradient_b)
-    stiffness = hinge_stiffness[hinge]
+    stiffness = non_negative(hinge_stiffness[hinge])
     one = type(stiffness)(1.0)
     tiny = type(stiffness)(1.0e-12)
     steep_a = wp.length(gradient_a)
@@ -140,10 +143,11 @@ def hinge_bounds(
     inverse = one / wp.max(wp.length(b - a), tiny)
     curved_a = wp.abs(one - foot_c) * steep_c + wp.abs(one - foot_d) * steep_d + inverse
     curved_b = wp.abs(foot_c) * steep_c + wp.abs(foot_d) * steep_d + inverse
-    moment = stiffness * wp.abs(hinge_angle[hinge] - reachable(hinge_rest_angle[hinge]))
+    rest_angle = hinge_rest_angle[hinge]
+    moment = stiffness * wp.abs(hinge_angle[hinge] - if_finite(reachable(rest_angle), rest_angle))
     share = type(stiffness)(0.7) * moment * (curved_a + curved_b + steep_c + steep_d)
     if steep_c == type(stiffness)(0.0):
-        share = type(stiffness)(0.0)
+        share = type(stiffness)(0.0) * moment
     hinge_tension_out[4 * hinge] = share * curved_a
     hinge_tension_out[4 * hinge + 1] = share * curved_b
     hinge_tension_out[4 * hinge + 2] = share * steep_c
@@ -185,7 +189,7 @@ def edge_and_hinge_frequencies(
             slot = vertex_hinge_slots[k]
             bound += wp.outer(hinge_row[slot], hinge_row[slot])
             across += hinge_tension[slot]
-        squared = (largest_eigenvalue(bound) + across) / mass[vertex]
+        squared = (largest_eigenvalue(bound) + across) / positive(mass[vertex])
     squared_frequency_out[vertex] = squared
 
 
@@ -217,8 +221,8 @@ def edge_stretch(
 ):
     """Length of each edge over its rest length; 0 for an edge whose rest length is 0."""
     edge = wp.tid()
-    rest_length = edge_rest_length[edge]
+    rest_length = non_negative(edge_rest_length[edge])
     stretch = stretch_out.dtype(0.0)
-    if rest_length > stretch:
+    if rest_length != stretch:
         stretch = wp.length(position[edge_vertices[edge, 1]] - position[edge_vertices[edge, 0]]) / rest_length
     stretch_out[edge] = stretch

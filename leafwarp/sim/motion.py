@@ -16,6 +16,7 @@ from leafwarp.errors import SimulationError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.forces import Air, PaperBending
+from leafwarp.sim.guards import find_fault
 from leafwarp.sim.launch import Command, State
 from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, STANDARD_GRAVITY, TORN_REMEDY, thrown, torn
 from leafwarp.sim.settled import Settled
@@ -35,10 +36,11 @@ SETTLING_SUBSTEPS = 2**17
 
 @dataclass(frozen=True)
 class _Fault:
-    """What is wrong with a span of motion, and what would help."""
+    """What is wrong with a span of motion, and what would help; whether a number is not one."""
 
     what: str
     remedy: str
+    is_not_finite: bool = False
 
 
 class Motion:
@@ -131,7 +133,7 @@ class Motion:
         """
         needed = self.required_substeps(frame_duration)
         if needed > self._maximum:
-            raise SimulationError(frame, "motion", self._refusal(needed))
+            raise SimulationError(frame, "motion", find_fault(self._state) or self._refusal(needed))
         used = self._advance_checked(frame_duration, needed, self._maximum, frame, self._stages)
         self.largest_substeps = max(self.largest_substeps, used)
         if self._paper is not None:
@@ -166,7 +168,7 @@ class Motion:
         while (calm < quarter).any() and substeps < SETTLING_SUBSTEPS:
             limit = self._substep * self._limit()
             if not limit > 0.0:
-                raise SimulationError(0, "settling", self._refusal(math.inf))
+                raise SimulationError(0, "settling", find_fault(self._state) or self._refusal(math.inf))
             duration = min(SETTLING_BLOCK * limit, 0.1 * quarter.min())
             substeps += self._advance_checked(duration, SETTLING_BLOCK, most, 0, self._settling)
             energy = self._kinetic_energy(mass)
@@ -233,6 +235,10 @@ class Motion:
             if fault is None:
                 return substeps
             self._guard.restore()
+            # More substeps are of no use to what was wrong before.
+            wrong = find_fault(self._state) if fault.is_not_finite else None
+            if wrong is not None:
+                raise SimulationError(frame, "motion", wrong)
             if substeps >= most:
                 reason = f"{fault.what} with {substeps} substeps, and no more than {most} are allowed; {fault.remedy}"
                 raise SimulationError(frame, "motion", reason)
@@ -283,12 +289,14 @@ class Motion:
         """What is wrong with the span that was just run."""
         travel = self._guard.travel()
         if not np.isfinite(travel).all():
-            return _Fault("a position or a speed is not a finite number", self._remedy())
+            return _Fault("a position or a speed is not a finite number", self._remedy(), is_not_finite=True)
         farthest = np.maximum.reduceat(travel, [own.start for own in self._slices])
         worst = int(np.argmax(farthest / self._lengths))
         if farthest[worst] > FARTHEST_TRAVEL * self._lengths[worst]:
             return _Fault(f"{thrown(farthest[worst], self._lengths[worst])},", self._remedy())
         stretch = self._guard.largest_stretch()
+        if math.isnan(stretch):
+            return _Fault("the stretch of an edge is not a number", self._remedy(), is_not_finite=True)
         if stretch > max(MOST_STRETCH, self._stretch_before):
             return _Fault(torn(stretch), TORN_REMEDY)
         if not step <= self._limit():

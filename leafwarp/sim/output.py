@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
+from leafwarp.errors import SimulationError
 from leafwarp.frame import Frame
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.adjacency import vertex_to_slots
+from leafwarp.sim.guards import find_fault
 from leafwarp.sim.launch import ArraySpec, State
 from leafwarp.sim.stage import Stage
 from leafwarp_kernels.normals import vertex_normals
@@ -50,10 +52,21 @@ class FrameOutput(Stage):
     def read(self, index: int, plant_time: float) -> Frame:
         """The present frame."""
         self.run()
-        points, normals, velocities, water = (
-            self._state[name].numpy().astype(np.float32) for name in ("position", "normal", "velocity", "vertex_water")
-        )
+        names = ("position", "normal", "velocity", "vertex_water")
+        with np.errstate(over="ignore"):
+            points, normals, velocities, water = (self._state[name].numpy().astype(np.float32) for name in names)
         return Frame(index, plant_time, points, normals, velocities, water)
+
+    def check(self, frame: Frame) -> None:
+        """See whether all that a frame holds are finite numbers.
+
+        Raises:
+            SimulationError: They are not.
+        """
+        for quantity in ("points", "velocities", "normals", "water"):
+            if not np.isfinite(getattr(frame, quantity)).all():
+                fault = find_fault(self._state) or f"{quantity}: not finite in float32; lower the load or the stiffness"
+                raise SimulationError(frame.index, self.name, fault)
 
 
 class DisplayColor(Stage):

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import warp as wp
 
+from leafwarp.errors import SimulationError
 from leafwarp.frame import Frame
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
@@ -17,6 +18,7 @@ from leafwarp.sim.launch import State
 from leafwarp.sim.motion import make_motion
 from leafwarp.sim.pace import couplings_per_frame, path_times
 from leafwarp.sim.plan import Plan, make_plan
+from leafwarp.sim.rest import ShapeRest
 from leafwarp.sim.settled import Settled
 from leafwarp.sim.stage import Interval, Stage, bind_stage
 from leafwarp.stopwatch import Stopwatch
@@ -61,7 +63,7 @@ class Simulation:
         couplings_per_frame: How often the water is handed to the structure within a frame.
         path_times: Moments of plant time [s] at which a leaf without inertia is in equilibrium, whatever its frames.
         watch: Wall time spent in each stage so far; the stages of a substep, which run in one graph, are "motion".
-        substeps: Motion substeps of every frame so far.
+        substeps: Motion substeps of every frame so far; 0 for one whose shape is that of the frame before.
         settled: How well the leaf came to rest before the first frame; None where it was not asked to.
     """
 
@@ -84,6 +86,16 @@ class Simulation:
             self.fluid = self._make_fluid()
             self._couple(Interval(0.0, 0.0))
             self.motion = make_motion(scene, leaf, self.state, self.plan.groups["motion"])
+        self._follows = self._structure_follows()
+        # Equilibria do not depend on the time that passes.
+        self._rest = ShapeRest(scene, leaf) if scene.motion.method != "quasistatic" else None
+        self._content: float | None = None
+
+    def _structure_follows(self) -> bool:
+        """Whether the coupling changes anything that the motion knows."""
+        own = {spec.name for stage in self.plan.groups["motion"] for spec in stage.arrays}
+        coupled = (stage for stage in self.plan.groups["coupling"] if stage.rate == "frame")
+        return any(name in own for stage in coupled for command in stage.recorded for name in command.writes)
 
     def _make_fluid(self) -> Fluid | None:
         if self.scene.fluid is None:
@@ -112,10 +124,28 @@ class Simulation:
                 with self.watch(stage.name):
                     stage.run(interval)
 
+    def _water_changes(self, interval: Interval, frame: int) -> bool:
+        """Let the water go on over a span of plant time; whether it may be another than before."""
+        if self.fluid is not None:
+            self.fluid.advance(interval.end, frame)
+            return not self.fluid.is_at_rest
+        before, self._content = self._content, self.stage("prescribed_water").content(interval.end)
+        return self._content != before
+
     def read_frame(self, index: int) -> Frame:
-        """The present state as frame ``index`` (0: the rest pose)."""
+        """The present state as frame ``index`` (0: the rest pose).
+
+        Raises:
+            SimulationError: It is not sound.
+        """
         with self.watch("frame"):
-            frame = self.stage("frame").read(index, self.plant_time(max(index, 1)))
+            output = self.stage("frame")
+            frame = output.read(index, self.plant_time(max(index, 1)))
+            if self.fluid is not None:
+                self.fluid.check(index)
+            output.check(frame)
+            if self._rest is not None and self._rest.look(index, frame.points):
+                self.state["velocity"].zero_()
             display_color = self.stage("display_color")
             return frame if display_color is None else display_color.color(frame)
 
@@ -129,15 +159,30 @@ class Simulation:
         substeps = 0
         for moment in self.moments(frame):
             for part in moment.looks:
+                if self._water_changes(part, frame):
+                    self._couple(part)
+                    if self._rest is not None and self._follows:
+                        self._rest.wake()
+            try:
+                substeps += self._move(moment, frame)
+            except SimulationError:
+                # Of water that is none no shape can be made.
                 if self.fluid is not None:
-                    self.fluid.advance(part.end, frame)
-                self._couple(part)
-            with self.watch("motion"):
-                if moment.on_path:
-                    substeps += self.motion.follow(frame)
-                if moment.share > 0.0:
-                    substeps += self.motion.advance(moment.share / self.scene.time.fps, frame)
+                    self.fluid.check(frame)
+                raise
         self.substeps.append(substeps)
+
+    def _move(self, moment: Moment, frame: int) -> int:
+        """Let the structure follow the water to a moment, and return the substeps that it took."""
+        substeps = 0
+        if self._rest is not None and self._rest.is_resting:
+            return substeps
+        with self.watch("motion"):
+            if moment.on_path:
+                substeps += self.motion.follow(frame)
+            if moment.share > 0.0:
+                substeps += self.motion.advance(moment.share / self.scene.time.fps, frame)
+        return substeps
 
     def moments(self, frame: int) -> list[Moment]:
         """When the structure is told of the water, or moves, between the frame before and this one."""

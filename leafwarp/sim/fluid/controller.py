@@ -17,6 +17,8 @@ from leafwarp.sim.launch import Command, State
 from leafwarp.sim.stage import Stage
 from leafwarp.stopwatch import Stopwatch
 
+# Arrays that count what has left and entered.
+ACCOUNTS = ("transpired", "added_by_source_x", "added_by_source_y")
 # One step in so many runs stage by stage, which tells how the time of the others is shared out.
 STEPS_PER_TIMING = 64
 
@@ -49,17 +51,28 @@ class Fluid:
     The steps are a division of the scene's duration that knows nothing of the frames, so that any number of
     frames sees the same history; a frame between two steps sees their linear blend in ``water_now``.
 
+    Once a step has changed no bit of any array, nor will the next one, until the source is cut or rewatered: they are
+    skipped, and the accounts go on by what the last step has added to them. Whether a step has changed the water is
+    seen while it is blended, and looked at once a frame (:meth:`check`).
+
     Args:
         scene: With [fluid].
         leaf: The leaf.
         state: Holds the arrays of the stages.
         stages: The bound stages of the fluid, in the order in which they run.
         watch: Where the time of each stage is counted; None for nowhere.
+
+    Attributes:
+        steps: The steps.
+        steps_done: How many of them are behind; those skipped included.
+        steps_skipped: How many of them were skipped.
+        is_at_rest: Whether the water is the same as at the look before.
     """
 
     def __init__(self, scene: Scene, leaf: Leaf, state: State, stages: Sequence[Stage], watch: Stopwatch | None = None):
         self.steps = FluidSteps.of(scene)
-        self.steps_done = 0
+        self.steps_done = self.steps_skipped = 0
+        self.is_at_rest = False
         self._state = state
         self._watch = watch or Stopwatch()
         self._cell_count = max(1, int(leaf.mask.sum()))
@@ -67,6 +80,9 @@ class Fluid:
         self._stages = [stage for stage in stages if stage.rate == "fluid step"]
         self._graphs: dict[tuple[int, ...], wp.Graph] = {}
         self._start = self._content()
+        self._events = _source_events(scene)
+        self._last_checked = 0
+        self._is_kept = self._may_rest = self._is_resting = False
 
     def advance(self, plant_time: float, frame: int = 0) -> int:
         """Run the whole steps that plant time needs, and set ``water_now`` to that moment.
@@ -83,9 +99,17 @@ class Fluid:
         """
         begun, share = self.steps.locate(plant_time)
         count = max(0, begun - self.steps_done)
+        was_resting = self._is_resting
+        if count > 0 and self._may_rest and not self._is_resting:
+            self._try_rest(frame)
+        if self._is_resting:
+            self._skip(begun)
+        self.is_at_rest = was_resting and self._is_resting
         for index in range(self.steps_done, begun):
-            if index == begun - 1 and share < 1.0:
+            # Once a frame is enough to see whether the last step still changes anything.
+            if index == begun - 1 and (share < 1.0 or not self._is_kept):
                 self._water.keep()
+                self._is_kept = True
             self._step(index, frame)
         with self._watch(self._water.name):
             self._water.blend(share)
@@ -103,8 +127,65 @@ class Fluid:
                     with self._watch(stage.name):
                         stage.run(interval)
                 except NotConverged as error:
-                    raise SimulationError(frame, stage.name, str(error)) from None
+                    # Where a solver is given what is no water, it is not to blame.
+                    raise SimulationError(frame, stage.name, self._water.fault("water") or str(error)) from None
         self.steps_done = index + 1
+
+    def _try_rest(self, frame: int) -> None:
+        """Run the next step, and see whether it has left all as it was but the accounts, and how these grow."""
+        self._water.keep()
+        self._is_kept = True
+        before = {name: self._state.whole(name).numpy().copy() for name in self._names()}
+        self._step(self.steps_done, frame)
+        after = {name: self._state.whole(name).numpy() for name in before}
+        accounts = [name for name in before if name in ACCOUNTS]
+        self._growth = {name: after[name] - before[name] for name in accounts}
+        self._is_resting = all(
+            np.array_equal(after[name].view(np.uint8), values.view(np.uint8))
+            for name, values in before.items()
+            if name not in accounts
+        )
+
+    def _names(self) -> list[str]:
+        """The arrays that a step may change."""
+        return ["water", *(spec.name for stage in self._stages for spec in stage.arrays)]
+
+    def _skip(self, begun: int) -> None:
+        """Pass over steps up to this one, or to the next that is another; then the rest is over."""
+        event = min((index for index in self._events if index >= self.steps_done), default=begun)
+        count = max(0, min(begun, event) - self.steps_done)
+        for name, growth in self._growth.items():
+            if count > 0 and growth.any():
+                self._state.upload(name, self._state[name].numpy() + count * growth)
+        self.steps_done += count
+        self.steps_skipped += count
+        if event < begun:
+            self.wake()
+
+    def wake(self) -> None:
+        """Compute the next steps whatever the last ones did: something else has changed the arrays."""
+        self.is_at_rest = self._is_resting = self._may_rest = False
+
+    def check(self, frame: int) -> None:
+        """See whether the water of the last look is sound, by what its kernel has seen; waits for the device.
+
+        To be called once a frame: it also tells from this whether the water may have come to rest.
+
+        Args:
+            frame: Number of the frame, for the message of an error.
+
+        Raises:
+            SimulationError: It is not.
+        """
+        wrong, changed = self._water.last_signs()
+        if wrong == self._water.looks > 0:
+            raise SimulationError(frame, self._water.name, self._water.fault())
+        if changed > self._last_checked:
+            self.wake()
+        elif self._is_kept:
+            self._may_rest = True
+        self._last_checked = self._water.looks
+        self._is_kept = False
 
     def _replay(self, commands: list[Command]) -> None:
         """Run launches as a graph, captured when they are first asked for."""
@@ -126,7 +207,7 @@ class Fluid:
         """The account of the water up to the last fluid step."""
         return WaterLedger(
             self._start,
-            self._total("added_by_source_x", "added_by_source_y"),
+            self._total(*(name for name in ACCOUNTS if name != "transpired")),
             self._total("transpired"),
             self._content(),
         )
@@ -137,3 +218,12 @@ class Fluid:
 
     def _content(self) -> float:
         return float(self._state["water"].numpy().sum(dtype=np.float64)) / self._cell_count
+
+
+def _source_events(scene: Scene) -> tuple[int, ...]:
+    """The steps that are another than the one before, as the source is then open for another time."""
+    if scene.source is None or scene.source.conductance == 0.0:
+        return ()
+    from leafwarp.sim.fluid.source import Opening
+
+    return Opening(scene).changes()

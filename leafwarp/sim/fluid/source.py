@@ -79,16 +79,27 @@ class Opening:
             Whether the source is open for another time than in the step before: at the start, and in the steps in
             and after which it is cut or rewatered.
         """
-        until_cut = max(0.0, min(self._cut - interval.start, self._step))
-        since_rewatered = max(0.0, min(interval.start + self._step - self._rewatered, self._step))
+        before, self.seconds = self.seconds, self._open_in(interval.start)
+        return self.seconds != before
+
+    def changes(self) -> tuple[int, ...]:
+        """The steps, counted from 0, in which it is open for another time than in the step before."""
+        moments = [moment / self._step for moment in (self._cut, self._rewatered) if math.isfinite(moment)]
+        near = {math.floor(moment) + off for moment in moments for off in (-1, 0, 1, 2)}
+        start = self._step
+        return tuple(
+            index for index in sorted(near) if index > 0
+            and self._open_in(index * start) != self._open_in((index - 1) * start)
+        )  # fmt: skip
+
+    def _open_in(self, start: float) -> float:
+        """How long it is open in the step from a moment on [s]."""
+        until_cut = max(0.0, min(self._cut - start, self._step))
+        since_rewatered = max(0.0, min(start + self._step - self._rewatered, self._step))
         seconds = until_cut + since_rewatered
         if seconds <= SNAP * self._step:
-            seconds = 0.0
-        elif seconds >= (1.0 - SNAP) * self._step:
-            seconds = self._step
-        changed = seconds != self.seconds
-        self.seconds = seconds
-        return changed
+            return 0.0
+        return self._step if seconds >= (1.0 - SNAP) * self._step else seconds
 
 
 class Supply:

@@ -12,6 +12,7 @@ import numpy as np
 from leafwarp.errors import SimulationError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
+from leafwarp.sim.guards import find_fault
 from leafwarp.sim.implicit import NotConverged
 from leafwarp.sim.implicit.newton import Accuracy, Memory, Newton
 from leafwarp.sim.implicit.relaxation import keeps_from_turning, relax
@@ -107,15 +108,15 @@ class NewtonMotion(ABC):
                 return steps
         self._upload(saved)
         self.newton.recall(memory)
-        raise SimulationError(frame, self._stage.name, fault)
+        raise SimulationError(frame, self._stage.name, find_fault(self._state) or fault)
 
     def _fault(self, start: np.ndarray, most_stretch: float) -> str | None:
         """What is wrong with a frame that began at positions [m], and what would help."""
         travel = float(np.linalg.norm(self._positions() - start, axis=1).max())
-        if travel > FARTHEST_TRAVEL * self._leaf.length:
+        if not travel <= FARTHEST_TRAVEL * self._leaf.length:
             return f"{thrown(travel, self._leaf.length)}; {self.remedy}"
         stretch = self._largest_stretch()
-        return f"{torn(stretch)}; {TORN_REMEDY}" if stretch > most_stretch else None
+        return f"{torn(stretch)}; {TORN_REMEDY}" if not stretch <= most_stretch else None
 
     def settle(self) -> Settled:
         """Let the leaf come to rest under the forces of the moment; its velocities are zero afterwards.
@@ -128,7 +129,8 @@ class NewtonMotion(ABC):
             with one_thread():
                 found = self._rest()
         except NotConverged as error:
-            raise SimulationError(0, "settling", f"{error}; lower the load or raise the stiffness") from None
+            fault = find_fault(self._state) or f"{error}; lower the load or raise the stiffness"
+            raise SimulationError(0, "settling", fault) from None
         stretch = self._largest_stretch()
         if stretch > MOST_STRETCH:
             raise SimulationError(0, "settling", f"{torn(stretch)}; {TORN_REMEDY}")
@@ -275,6 +277,7 @@ class Quasistatic(NewtonMotion):
         super().start()
         self._rest_state = self._copies(REST_STATE)
         self._path: _Place | None = None
+        self._left: _Place | None = None
         self._shown = self._positions()
 
     def settle(self) -> Settled:
@@ -310,7 +313,17 @@ class Quasistatic(NewtonMotion):
         return steps
 
     def _leave_path(self, frame: int) -> int:
-        """Go to the equilibrium of the moment from the path's last one; the velocity stays."""
+        """Go to the equilibrium of the moment from the path's last one; the velocity stays.
+
+        From the same place to the same rest state the way is the same: it is not gone again.
+        """
+        if self._path is not None and self._left is self._path and self._rests():
+            return 0
+        steps = self._go_off(frame)
+        self._left = self._path
+        return steps
+
+    def _go_off(self, frame: int) -> int:
         before, velocity = self._place(), self._copies(("velocity",))
         if self._path is not None:
             self._go_back(self._path)

@@ -15,7 +15,7 @@ from leafwarp_kernels import implicit_step
 
 # What the coupling sets and quasistatic motion goes toward in parts if it must.
 REST_STATE = ("edge_rest_length", "edge_stiffness", "hinge_rest_angle", "hinge_stiffness", "mass")
-_READS = ("position", "velocity", "pinned", "mass", "edge_rest_length")
+_READS = ("position", "velocity", "pinned", "mass", "edge_rest_length", "edge_stiffness")
 _WRITES = ("position", "velocity", "time_step", "damping_share", "inertia", "goal")
 
 
@@ -36,9 +36,10 @@ class PotentialMotion(Stage):
         self.hinged = scene.has_angular_springs and mesh.hinge_count > 0
         hinges = mesh.hinges if self.hinged else np.zeros((0, 4), dtype=np.int32)
         self.potential = Potential(mesh.vertex_count, mesh.edges, hinges)
-        # What Newton's method and the checks of a frame look at, and what they put there or, after a frame that is
-        # refused, back.
-        self.host_reads = (*_READS, *self.potential.host_reads)
+        # What Newton's method and the checks of a frame look at (those of one that is refused at all of the structure),
+        # and what they put there or, after a frame that is refused, back.
+        of_hinges = ("hinge_rest_angle", "hinge_stiffness") if self.hinged else ()
+        self.host_reads = (*_READS, *of_hinges, *self.potential.host_reads)
         self.host_writes = (*_WRITES, *self.potential.host_writes)
         self.arrays = (
             *vertex_arrays(mesh),
