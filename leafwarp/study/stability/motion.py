@@ -284,7 +284,7 @@ def curve_width(device: str) -> Iterator[Trial]:
 
     def shrink(width: float, method: str, precision: str) -> Finding:
         # Between the contents of two frames where it is narrow.
-        high = min(1.0, 0.47 + width / 2)
+        high = max(width, 0.47 + width / 2)
         return _dried(method, precision, device, [[high - width, 0.2], [high, 0.0]])
 
     return _trials(10.0 ** np.array([-12, -9, -7, -5, -3, -2, -1, 0]), shrink)
