@@ -116,7 +116,7 @@ def test_the_reference_step_splits_rows_from_columns() -> None:
     water = np.array([[1.0, 0.0], [0.0, 0.0]])
     both = np.linalg.solve([[6.0, -2.0, -3.0], [-2.0, 3.0, 0.0], [-3.0, 0.0, 4.0]], [1.0, 0.0, 0.0])
     assert step_of_diffusion(faces, mask, water, split=False)[mask] == pytest.approx(both, rel=1e-14)
-    # Rows: 1 is shared with the right neighbour as 3 to 2 of 5; columns: what is left with the upper one as 4 to 3 of 7.
+    # Of two cells that exchange beta, (1 + beta) / (1 + 2 beta) stays and the rest goes over.
     split = [0.6 * 4 / 7, 0.4, 0.6 * 3 / 7]
     assert step_of_diffusion(faces, mask, water, split=True)[mask] == pytest.approx(split, rel=1e-14)
 
