@@ -112,15 +112,16 @@ def test_the_account_closes_after_thousands_of_steps(device: str) -> None:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("scheme", ["split", "unsplit"])
-def test_the_account_closes_after_a_million_steps(scheme: str, device: str, precision: str) -> None:
-    sample = drying_leaf(scheme, precision, device, 1e6)
-    sample.fluid.advance(60.0 * 1e6)
+@pytest.mark.parametrize(("scheme", "steps"), [("split", 1e6), ("unsplit", 1e5)])
+def test_the_account_closes_after_a_million_steps(scheme: str, steps: float, device: str, precision: str) -> None:
+    """A step by the factor takes ten times as long as a split one: a tenth of them."""
+    sample = drying_leaf(scheme, precision, device, steps)
+    sample.fluid.advance(60.0 * steps)
     assert 0.0 <= sample.leaf_water.min() <= sample.leaf_water.max() <= 1.0
     ledger = sample.fluid.ledger()
     # Of the contents, rounded at every step; of the account, whose float64 is rounded a million times.
     limit = {"float32": 1e-5, "float64": 1e-10}[precision] * (ledger.start + ledger.added)
-    assert abs(ledger.error) <= limit and ledger.added > 1000.0
+    assert abs(ledger.error) <= limit and ledger.added > 1e-3 * steps
 
 
 @pytest.mark.slow
