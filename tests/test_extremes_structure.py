@@ -108,21 +108,33 @@ def test_the_step_that_would_do_does(device, precision):
     assert 64 < motion_of(enough).advance(FRAME, 1) <= enough
 
 
-def test_a_step_that_became_too_long_is_refused_with_the_one_that_is_needed(device):
+def test_a_step_that_became_too_long_is_refused_with_the_one_that_is_needed(device, precision):
     """A triangle a millionth as high as it is long opens, and its hinge swings faster and faster."""
-    for key, point in points_of("sliver", (1e-6,), device).items():
-        assert point.outcome == REFUSED
-        if key[0] == "explicit":
-            found = re.search(
-                r"step of (\S+) s became too long for the .* mesh, which needs steps of (\S+) s, with", point.message
-            )
-            assert 0.0 < float(found[2]) < float(found[1])
+    mesh = mesh_of([[0, 0], [1e-2, 0], [5e-3, 8e-3], [5e-3, -1e-8]], [[0, 1, 2], [1, 0, 3]])
+    load = {"gravity": [0.0, -9.81, 0.0], "drag": 2.0}
+    structure = {"membrane_stiffness": 5.0, "bending_stiffness": 1e-7}
+    scene = scene_of(structure, load, solver={"maximum_substeps": 256})
+    rig = rig_of(scene, leaf_of(mesh), device, precision)
+    found = r"step of (\S+) s became too long for the .* mesh, which needs steps of (\S+) s, with 256"
+    with pytest.raises(SimulationError, match=found) as refusal:
+        make_motion(scene, rig.leaf, rig.state, rig.stages).settle()
+    steps = re.search(found, str(refusal.value))
+    assert 0.0 < float(steps[2]) < float(steps[1])
 
 
 def test_a_thousand_g_and_mass_ratios_of_a_million(device):
-    for name, values in (("gravity", (1e3,)), ("mass_ratio", (1e6,))):
-        points = points_of(name, values, device)
+    for name, value, methods in (("gravity", 1e3, ("implicit", "quasistatic")), ("mass_ratio", 1e6, ())):
+        points = points_of(name, (value,), device, methods)
         assert set(outcomes(points).values()) == {STABLE}, points
+
+
+def test_explicit_motion_bears_a_thousand_g(device, precision):
+    structure = {"membrane_stiffness": 1000.0, "bending_stiffness": 1e-5}
+    load = {"gravity": [0.0, 0.0, -9810.0], "drag": 2.0}
+    rig, motion = moving(("explicit", precision), structure, load, strip(columns=4), device)
+    assert moves_or_is_refused(rig, motion)
+    # Held at its base, it has fallen and swings.
+    assert stretches(rig).max() < 2.0 and rig.get("position")[:, 2].min() < -0.5 * rig.leaf.length
 
 
 @pytest.mark.parametrize("how", METHODS[:3], ids=" ".join)
@@ -293,9 +305,8 @@ def test_any_start_gains_no_energy_or_is_refused(how, name, device):
 
 
 def test_crumpled_leaves_gain_no_energy(device):
-    points = points_of("crumple", (1e-3, 1.0, 100.0), device)
-    for (*_, amount), outcome in outcomes(points).items():
-        assert outcome == (REFUSED if amount == 100.0 else STABLE), points
+    points = points_of("crumple", (1e-3, 1.0), device)
+    assert set(outcomes(points).values()) == {STABLE}, points
 
 
 def test_energy_and_momenta_stay_over_many_steps(device):
