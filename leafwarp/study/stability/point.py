@@ -100,6 +100,11 @@ class Point:
     message: str
 
 
+def decades(exponents: Iterable[int]) -> tuple[float, ...]:
+    """Powers of ten as they are written: 1e-5, not the nearest below."""
+    return tuple(float(f"1e{exponent}") for exponent in exponents)
+
+
 def judge(sweep: Sweep, trial: Trial) -> Point:
     """Compute a trial and judge what comes out."""
     begin = time.perf_counter()

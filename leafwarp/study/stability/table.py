@@ -82,7 +82,7 @@ def where(point: Point) -> str:
 
 def _row(point: Point) -> dict[str, Any]:
     row = asdict(point)
-    row["value"], row["seconds"] = float(point.value), round(point.seconds, 4)
+    row["seconds"] = round(point.seconds, 4)
     if point.error is not None and not math.isfinite(point.error):
         row["error"] = None
     return row

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache, partial
 from typing import Any
 
 import numpy as np
 
 from leafwarp.sim.fluid.conductance import face_conductance
-from leafwarp.study.stability.point import Finding, Trial
+from leafwarp.study.stability.point import Finding, Trial, decades
 from leafwarp.study.stability.reference import solve_exchange, step_of_diffusion
 from leafwarp.study.verify.drawn_fluid import (
     Sample,
@@ -48,13 +48,13 @@ def _methods() -> Iterator[tuple[str, str]]:
 
 
 def _trials(
-    values: np.ndarray, compute: Callable[[float, str, str], Finding], tolerances: dict[str, float]
+    values: Iterable[float], compute: Callable[[float, str, str], Finding], tolerances: dict[str, float]
 ) -> Iterator[Trial]:
     """A trial for every scheme, precision and number; compute takes them in the order number, scheme, precision."""
     for scheme, precision in _methods():
         for value in values:
-            call = partial(compute, float(value), scheme, precision)
-            yield Trial(SCHEMES[scheme], precision, float(value), tolerances[precision], call)
+            call = partial(compute, value, scheme, precision)
+            yield Trial(SCHEMES[scheme], precision, value, tolerances[precision], call)
 
 
 def _finding(
@@ -140,7 +140,7 @@ def fluid_step(device: str) -> Iterator[Trial]:
         sample.fluid.advance(STEPS * step, frame=2)
         return _finding(sample, start, expected, precision, relative=False)
 
-    return _trials(10.0 ** np.arange(-6, 10), spread, dict.fromkeys(PRECISIONS, VISIBLE))
+    return _trials(decades(range(-6, 10)), spread, dict.fromkeys(PRECISIONS, VISIBLE))
 
 
 SUPPLY, LOSS = 1e-3 * VEIN, 1e-4 * VEIN  # conductance of the source and rate of transpiration [1/s]
@@ -179,7 +179,7 @@ def fed_step(device: str) -> Iterator[Trial]:
         sample.fluid.advance(STEPS * step, frame=2)
         return _finding(sample, steady, steady, precision, relative=False, limits=(0.0, 1.0))
 
-    return _trials(10.0 ** np.arange(-6, 10), stay, dict.fromkeys(PRECISIONS, VISIBLE))
+    return _trials(decades(range(-6, 10)), stay, dict.fromkeys(PRECISIONS, VISIBLE))
 
 
 def _one_step(diffusivity: np.ndarray, scheme: str, precision: str, device: str) -> Finding:
@@ -201,7 +201,7 @@ def conductance(device: str) -> Iterator[Trial]:
     def mix(beta: float, scheme: str, precision: str) -> Finding:
         return _one_step(np.full((16, 14), beta), scheme, precision, device)
 
-    return _trials(10.0 ** np.arange(-12, 13, 2), mix, SOLVED)
+    return _trials(decades(range(-12, 13, 2)), mix, SOLVED)
 
 
 def contrast(device: str) -> Iterator[Trial]:
@@ -211,7 +211,7 @@ def contrast(device: str) -> Iterator[Trial]:
         diffusivity = random_diffusivity(np.random.default_rng(4), (16, 14), (0.0, np.log10(ratio)))
         return _one_step(diffusivity, scheme, precision, device)
 
-    return _trials(10.0 ** np.arange(0, 13), mix, SOLVED)
+    return _trials(decades(range(0, 13)), mix, SOLVED)
 
 
 def source(device: str) -> Iterator[Trial]:
@@ -243,7 +243,7 @@ def source(device: str) -> Iterator[Trial]:
         sample.fluid.advance(1.0, frame=2)
         return _finding(sample, before, expected, precision, relative=True, limits=(0.25, 1.0))
 
-    return _trials(10.0 ** np.arange(-6, 13, 2), fill, SOLVED)
+    return _trials(decades(range(-6, 13, 2)), fill, SOLVED)
 
 
 def sinks(device: str) -> Iterator[Trial]:
@@ -269,5 +269,5 @@ def sinks(device: str) -> Iterator[Trial]:
 
     for method in closures:
         for precision in PRECISIONS:
-            for value in 10.0 ** np.arange(-6, 10):
+            for value in decades(range(-6, 10)):
                 yield Trial(method, precision, value, SOLVED[precision], partial(dry, value, method, precision))
