@@ -103,6 +103,15 @@ def make_parser() -> argparse.ArgumentParser:
     verify.add_argument("-q", "--quiet", action="store_true", help="no progress")
     verify.set_defaults(action=_verify)
 
+    stability = verbs.add_parser("stability", help="sweep the extremes: how far each method holds on this machine")
+    stability.add_argument("sweep", nargs="*", help="names of sweeps (default: all)")
+    stability.add_argument("-o", "--output", type=Path, help="folder of the table and the plot (default: none)")
+    stability.add_argument("--device", default="cpu", help="Warp device: cpu (default), cuda:0, ...")
+    stability.add_argument("--overwrite", action="store_true", help="replace results that are there already")
+    stability.add_argument("--json", action="store_true", help="print JSON instead of the table or its path")
+    stability.add_argument("-q", "--quiet", action="store_true", help="no progress")
+    stability.set_defaults(action=_stability)
+
     new = verbs.add_parser("new", help="write a commented scene for a photo, and a picture of what was found in it")
     new.add_argument("photo", type=Path, help="photo of a leaf")
     new.add_argument(
@@ -227,6 +236,28 @@ def _verify(arguments: argparse.Namespace) -> int:
     data = {"cases": as_data(results), "explanations": explanations(results)}
     print(json.dumps(data, allow_nan=False) if arguments.json else as_text(results))
     return 0 if all(result.passed for result in results) else 1
+
+
+def _stability(arguments: argparse.Namespace) -> int:
+    from leafwarp.study.stability.point import BROKEN
+    from leafwarp.study.stability.study import TABLE, run_stability
+    from leafwarp.study.stability.table import as_data, as_text, where
+
+    points = run_stability(
+        arguments.sweep,
+        arguments.output,
+        device=arguments.device,
+        overwrite=arguments.overwrite,
+        quiet=arguments.quiet,
+    )
+    broken = [point for point in points if point.outcome == BROKEN]
+    for point in broken:
+        print(f"leafwarp: stability: {where(point)}: {one_line(point.message)}", file=sys.stderr)
+    if arguments.json:
+        print(json.dumps(as_data(points, arguments.device), allow_nan=False))
+    else:
+        print(as_text(points) if arguments.output is None else arguments.output / TABLE)
+    return 1 if broken else 0
 
 
 def _new(arguments: argparse.Namespace) -> None:

@@ -18,11 +18,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--device", action="append", default=[], help="Warp device to test on; repeatable (default: cpu)")
     parser.addoption("--debug-kernels", action="store_true", help="compile kernels with bounds checks")
     parser.addoption("--like-gpu", action="store_true", help="on the CPU: round and hand out arrays as a GPU does")
+    parser.addoption("--slow", action="store_true", help="also run what takes minutes: large maps, a million steps")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     import warp as wp
 
+    config.addinivalue_line("markers", "slow: takes minutes, and is skipped without --slow")
     wp.config.quiet = True
     if config.getoption("--debug-kernels"):
         wp.config.mode = "debug"
@@ -56,9 +58,13 @@ def pytest_xdist_make_scheduler(config: pytest.Config, log):
     return WorkStealingScheduling(config, log) if config.getoption("dist") == "load" else None
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """Long tests first: at the end one of them would keep a single worker busy."""
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Long tests first: at the end one of them would keep a single worker busy. Slow ones only where asked for."""
     items.sort(key=lambda item: item.get_closest_marker("long") is None)
+    if not config.getoption("--slow"):
+        for item in items:
+            if item.get_closest_marker("slow") is not None:
+                item.add_marker(pytest.mark.skip(reason="takes minutes: --slow runs it"))
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -133,7 +133,8 @@ class Motion:
         """
         needed = self.required_substeps(frame_duration)
         if needed > self._maximum:
-            raise SimulationError(frame, "motion", find_fault(self._state) or self._refusal(needed))
+            fault = find_fault(self._state) or self._refusal(needed, frame_duration)
+            raise SimulationError(frame, "motion", fault)
         used = self._advance_checked(frame_duration, needed, self._maximum, frame, self._stages)
         self.largest_substeps = max(self.largest_substeps, used)
         if self._paper is not None:
@@ -168,7 +169,8 @@ class Motion:
         while (calm < quarter).any() and substeps < SETTLING_SUBSTEPS:
             limit = self._substep * self._limit()
             if not limit > 0.0:
-                raise SimulationError(0, "settling", find_fault(self._state) or self._refusal(math.inf))
+                fault = find_fault(self._state) or self._refusal(math.inf, math.inf)
+                raise SimulationError(0, "settling", fault)
             duration = min(SETTLING_BLOCK * limit, 0.1 * quarter.min())
             substeps += self._advance_checked(duration, SETTLING_BLOCK, most, 0, self._settling)
             energy = self._kinetic_energy(mass)
@@ -299,8 +301,10 @@ class Motion:
             return _Fault("the stretch of an edge is not a number", self._remedy(), is_not_finite=True)
         if stretch > max(MOST_STRETCH, self._stretch_before):
             return _Fault(torn(stretch), TORN_REMEDY)
-        if not step <= self._limit():
-            return _Fault(f"the step of {step:.3g} s became too long for the deformed mesh", self._remedy())
+        limit = self._limit()
+        if not step <= limit:
+            safe = f", which needs steps of {self._substep * limit:.3g} s," if limit > 0.0 else ""
+            return _Fault(f"the step of {step:.3g} s became too long for the deformed mesh{safe}", self._remedy())
         return None
 
     def _residual(self) -> float:
@@ -311,11 +315,11 @@ class Motion:
         weight = self._gravity * self._state["mass"].numpy().astype(np.float64).mean()
         return float(np.max(force, initial=0.0, where=~self._state["pinned"].numpy()) / weight)
 
-    def _refusal(self, needed: float) -> str:
+    def _refusal(self, needed: float, duration: float) -> str:
         if not math.isfinite(needed):
             return "no step is short enough for the stiffness and masses of this scene; " + self._remedy()
-        found = f"needs {needed:.6g} substeps, more than solver.maximum_substeps = {self._maximum}; "
-        return found + self._remedy()
+        found = f"needs {needed:.6g} substeps, more than solver.maximum_substeps = {self._maximum}"
+        return f"{found}: steps of {duration / needed:.3g} s would do; {self._remedy()}"
 
     def _remedy(self) -> str:
         squared_frequency = self._guard.largest_squared_frequency()

@@ -15,7 +15,7 @@ from leafwarp.scene import Scene
 from leafwarp.sim.guards import find_fault
 from leafwarp.sim.implicit import NotConverged
 from leafwarp.sim.implicit.newton import Accuracy, Memory, Newton
-from leafwarp.sim.implicit.relaxation import keeps_from_turning, relax
+from leafwarp.sim.implicit.relaxation import keeps_from_turning, relax, turned_back
 from leafwarp.sim.implicit.stages import REST_STATE, ImplicitMotion, PotentialMotion
 from leafwarp.sim.implicit.threads import one_thread
 from leafwarp.sim.launch import State
@@ -174,16 +174,18 @@ class NewtonMotion(ABC):
         self._stage.prepare_rest()
         start = self._positions()
         angles = self._state["hinge_angle"].numpy().copy() if self._stage.hinged else None
+        mass = self._state["mass"].numpy().copy()
+        is_held = keeps_from_turning(start[self._pinned], self._leaf.length)
         memory = self.newton.memory()
         try:
             found = relax(
                 self.newton,
                 self._state,
                 start,
-                self._state["mass"].numpy().copy(),
+                mass,
                 self._leaf.length,
                 self.rest_accuracy,
-                is_held=keeps_from_turning(start[self._pinned], self._leaf.length),
+                is_held=is_held,
                 each_step=self._stage.potential.keep_angles,
             )
         except NotConverged:
@@ -191,8 +193,18 @@ class NewtonMotion(ABC):
                 self._state.upload("hinge_angle", angles)
             self.newton.recall(memory)
             raise
+        if not is_held:
+            self._turn_back(found.positions, start, mass)
         self._finish()
         return found
+
+    def _turn_back(self, found: np.ndarray, start: np.ndarray, mass: np.ndarray) -> None:
+        """Take back what an equilibrium has turned since its start and might have turned any other way."""
+        motion = self._scene.motion
+        pull = np.array(motion.gravity or (0.0, 0.0, 0.0)) + motion.drag * np.array(motion.wind or (0.0, 0.0, 0.0))
+        turned = turned_back(found, start, self._pinned, mass, pull)
+        self._state.upload("base_position", turned)
+        self.newton.carried(float(np.linalg.norm(turned - found, axis=1).max()))
 
     def _finish(self) -> None:
         self._stage.potential.keep_angles()

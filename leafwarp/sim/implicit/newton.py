@@ -151,6 +151,10 @@ class Newton:
         self._potential.put_tensions(memory.tensions)
         self._factor.values, self._moved, self._crawled = memory.factor, memory.moved, memory.crawled
 
+    def carried(self, way: float) -> None:
+        """Tell how far vertices were moved at most, all as a whole, since the last step [m]."""
+        self._moved += way
+
     def inertia_changed(self) -> None:
         """Tell that the inertia was set anew: the factor at hand may still serve, but no longer exactly."""
         self._is_new = False

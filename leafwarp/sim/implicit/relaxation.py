@@ -35,6 +35,48 @@ def keeps_from_turning(held: np.ndarray, length: float) -> bool:
     return bool(spread[1] > 1e-9 * length)
 
 
+def turned_back(
+    found: np.ndarray, start: np.ndarray, held: np.ndarray, weights: np.ndarray, pull: np.ndarray
+) -> np.ndarray:
+    """An equilibrium turned to where it is nearest to where it was looked for from, by what changes no energy.
+
+    A mesh that is held at one vertex, or along a line, turns freely: about the vertex, or about the line; under a
+    load, about the direction of that alone. How far it has turned says nothing but how it was looked for.
+
+    Args:
+        found: Positions of the equilibrium [m], shape [vertex_count, 3].
+        start: Where it was looked for from, shape [vertex_count, 3].
+        held: Which vertices are held, shape [vertex_count]; they do not keep it from turning.
+        weights: What each distance counts, shape [vertex_count].
+        pull: Load on a unit of mass [m/s^2], shape [3].
+    """
+    pivot = start[held].mean(axis=0)
+    before, after = start - pivot, found - pivot
+    line = before[held][np.argmax(np.linalg.norm(before[held], axis=1))]
+    axes = [pull] if pull.any() else []
+    if np.linalg.norm(line) > 1e-9 * np.abs(before).max():
+        axes.append(line)
+    axes = [axis / np.linalg.norm(axis) for axis in axes]
+    keeps_its_place = len(axes) == 2 and np.linalg.norm(np.cross(*axes)) > 1e-9
+    if keeps_its_place or np.array_equal(found, start):
+        return found
+    covariance = before.T @ (weights[:, None] * after)
+    if not axes:
+        # Kabsch 1976.
+        left, _, right = np.linalg.svd(covariance)
+        turn = left @ np.diag([1.0, 1.0, np.linalg.det(left @ right)]) @ right
+    else:
+        along = axes[0]
+        skew = covariance - covariance.T
+        sine = along @ (skew[2, 1], skew[0, 2], skew[1, 0])
+        angle = np.arctan2(sine, np.trace(covariance) - along @ covariance @ along)
+        cross = np.cross(np.eye(3), along)
+        turn = np.eye(3) + np.sin(angle) * cross + (1.0 - np.cos(angle)) * cross @ cross
+    turned = pivot + after @ turn.T
+    turned[held] = found[held]
+    return turned
+
+
 def relax(
     newton: Newton,
     state: State,
