@@ -7,9 +7,11 @@ from __future__ import annotations
 
 import json
 import sys
+from dataclasses import fields
 from pathlib import Path
 
 from benchmarks.results import describe_machine, write_section
+from leafwarp.study.parts import PartCost, parts_table
 from leafwarp.study.tradeoff.plot import format_time
 from leafwarp.study.tradeoff.table import Row, markdown
 
@@ -19,6 +21,11 @@ HEADER = (
     "it. Water error: relative L2; shape error: root mean square distance of a thousand points of the leaf, as a share "
     "of its length; both over 25 frames. Of each scene, the settings on one of both fronts, and those with a name.\n\n"
 )
+
+
+def _part(data: dict) -> PartCost:
+    names = {field.name for field in fields(PartCost)}
+    return PartCost(**{name: value for name, value in data.items() if name in names})
 
 
 def describe(result: dict) -> str:
@@ -36,6 +43,7 @@ def describe(result: dict) -> str:
         f"{'' if reference['converged'] else ' (**not converged**)'}.\n\n"
         f"{markdown(shown)}\n"
         + "".join(f"- {sentence}\n" for sentence in result["summary"])
+        + f"\nWhat each part costs:\n\n{parts_table([_part(part) for part in result['parts']])}\n"
         + f"\nComputed {len(measured)} of {len(rows)} settings, the others for want of time or refused: "
         f"`python -m leafwarp tradeoff scenes/{result['scene']}.toml -o DIR --budget "
         f'"{format_time(result["budget_seconds"])}"`.\n\n'

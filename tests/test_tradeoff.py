@@ -57,6 +57,7 @@ def quick():
         patch.setattr(study, "single_changes", few_singles)
         patch.setattr(study, "preset_settings", lambda scene: {"draft": Setting.of(scene).with_(vertices=80)})
         patch.setattr(study, "REFERENCE_SHARE", 0.0)
+        patch.setattr(study, "PARTS_SHARE", 0.001)
         yield
 
 
@@ -181,7 +182,16 @@ def test_csv_json_and_text_say_the_same(folder: Path, result: dict) -> None:
                 assert float(text) == pytest.approx(value, rel=1e-5)
             else:
                 assert text == ("" if value is None else str(value))
-    assert (folder / "tradeoff.txt").read_text().splitlines() == result["summary"]
+    text = (folder / "tradeoff.txt").read_text()
+    assert text.splitlines()[: len(result["summary"])] == result["summary"]
+    assert all(f"| {part['part']} |" in text for part in result["parts"])
+
+
+def test_what_each_part_costs_is_told(result: dict) -> None:
+    parts = {part["part"]: part for part in result["parts"]}
+    assert {"gravity", "curl", "source", "USD output"} <= set(parts)
+    measured = [part for part in parts.values() if part["saved"] is not None]
+    assert measured and all(part["pairs"] >= 1 for part in measured)
 
 
 def test_the_text_names_what_costs_error_and_what_buys_speed(result: dict) -> None:

@@ -26,6 +26,7 @@ from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.report import package_versions
 from leafwarp.run import CACHE_FOLDER
 from leafwarp.scene import Scene
+from leafwarp.study.parts import PartCost, measure_parts, parts_table
 from leafwarp.study.tradeoff.costs import CostModel
 from leafwarp.study.tradeoff.errors import errors_of, pareto_front
 from leafwarp.study.tradeoff.explore import combinations
@@ -44,8 +45,10 @@ TABLE, RESULT, PICTURE, TEXT, TRIALS = (
 TABLES = {"time", "fluid", "transpiration", "source", "solver", "motion"}
 
 DEFAULT_BUDGET = 600.0  # [s]
-# Share of the budget that the reference takes; and of the scene as written, beyond which its film is shortened.
+# Shares of the budget that the reference and the parts take; and the scene as written, beyond which its film is
+# shortened.
 REFERENCE_SHARE = 0.45
+PARTS_SHARE = 0.08
 FILM_SHARE = 0.03
 # Where another leaf, cambered by this share more, ends further away than this share of its length, the scene has
 # several shapes to offer.
@@ -114,7 +117,6 @@ def run_tradeoff(
     study = _Study(scene, output, device, budget, quiet, compute, cache or output / CACHE_FOLDER)
     result = study.run()
     write_rows(output / TABLE, study.rows)
-    write_text(output / TEXT, "\n".join(result["summary"]) + "\n")
     if can_plot and any(row.measured for row in study.rows):
         from leafwarp.study.tradeoff.plot import plot_tradeoff
 
@@ -202,6 +204,7 @@ class _Study:
         kind = "shape" if has_one_shape else "water"
         self._measure_combinations(reference, has_one_shape, kind)
         self._mark(own)
+        parts = self._measure_parts()
         of_singles = [row for row, setting in zip(self.rows, self._settings, strict=True) if setting in singles]
         summary = summarise(self.rows, kind, of_singles, own[f"{kind}_error"])
         if not has_one_shape:
@@ -212,7 +215,9 @@ class _Study:
             )
         for sentence in summary:
             self._say(sentence)
-        return self._result(reference, own, nudged, has_one_shape, summary)
+        write_text(self._output / TEXT, "\n".join([*summary, "", parts_table(parts)]))
+        result = self._result(reference, own, nudged, has_one_shape, summary)
+        return result | {"parts": [part.as_dict() for part in parts]}
 
     # The clock.
 
@@ -222,7 +227,8 @@ class _Study:
 
     @property
     def _left(self) -> float:
-        return self._budget - self._spent
+        """Wall time left for settings [s]."""
+        return (1.0 - PARTS_SHARE) * self._budget - self._spent
 
     def _say(self, text: str, ahead: float | None = None) -> None:
         if self._quiet:
@@ -345,6 +351,11 @@ class _Study:
             shape = "" if row.shape_error is None else f", shape {percent(row.shape_error)}"
             took = f"{row.seconds:.2f} s, water {percent(row.water_error)}{shape}"
         self._say(f"{row.varied}: {row.status}, {took}", ahead)
+
+    def _measure_parts(self) -> list[PartCost]:
+        """What each part of the scene as written costs, within its share of the budget whatever is left of that."""
+        self._say("what each part of the scene costs, with it and without it in turns")
+        return measure_parts(self._scene, lambda scene: self._leaf, self._device, PARTS_SHARE * self._budget)
 
     # What is found.
 
