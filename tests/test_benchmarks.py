@@ -109,6 +109,14 @@ def test_memory(capsys: pytest.CaptureFixture) -> None:
     assert 0.0 < arrays < float(row["peak, leaf prepared before [MB]"])
 
 
+def test_tolerance(capsys: pytest.CaptureFixture) -> None:
+    ((row,),) = quick("tolerance", capsys)
+    assert row["scene"] == "0" and int(row["level"]) >= 0
+    estimate, truth = (float(row[name].rstrip("%")) for name in ("its own estimate", "true error"))
+    assert 0.0 < truth < 20.0
+    assert float(row["estimate / truth"]) == pytest.approx(estimate / truth, rel=0.05)
+
+
 def test_startup(capsys: pytest.CaptureFixture) -> None:
     (rows,) = quick("startup", capsys)
     runs = [row for row in rows if "run" in row["command"]]
