@@ -110,6 +110,7 @@ def print_plan(report: dict[str, Any]) -> None:
             if stage[label]:
                 names = (name.removeprefix("leafwarp_kernels.") for name in stage[label])
                 print(f"{'':<18} {label}: {', '.join(names)}")
+    print("\nat most so many launches: water and shapes that have come to rest are not computed again")
     print("\nleft out")
     for entry in report["left_out"]:
         print(f"{entry['name']:<18} {entry['reason']}")
