@@ -152,3 +152,20 @@ def test_where_inertia_may_decide_on_the_shape_is_said(leaf_file: Path, small_sc
     assert "time.frames and time.fps" in line and "'quasistatic'" in line
     assert load_scene(leaf_file, ["motion.method='quasistatic'"]).warnings == ()
     assert load_scene(small_scene, ["motion.method='implicit'"]).warnings == ()  # an artistic scene
+
+
+@pytest.mark.parametrize(
+    ("curve", "method", "warned"),
+    [
+        ([[0.1, 0.22], [1.0, 0.0]], "explicit", False),
+        ([[0.45, 0.2], [0.5, 0.0]], "explicit", True),
+        ([[0.45, 0.2], [0.5, 0.0]], "quasistatic", False),
+        ([[0.499, 0.01], [0.5, 0.0]], "explicit", False),
+    ],
+)
+def test_a_leaf_that_shrinks_at_once_is_warned_of(curve: list, method: str, warned: bool) -> None:
+    scene = scene_of({}, {"method": method}).with_changes({"shrink.curve": curve})
+    lines = [line for line in scene.warnings if line.startswith("shrink.curve")]
+    assert len(lines) == warned
+    if warned:
+        assert "0.2 of the length are lost between the water contents 0.45 and 0.5" in lines[0]

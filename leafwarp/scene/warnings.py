@@ -37,6 +37,9 @@ class Usual:
     why: str
 
 
+# A share of the length, and of it for a share of water, that explicit motion does not take at once (``leafwarp stability
+# curve_width``: a fifth folds a strip within a tenth of the water).
+ABRUPT_LOSS, ABRUPT_SLOPE = 0.02, 1.0
 MANY_SUBSTEPS = 500  # of explicit motion in a frame; a soft leaf takes about 100
 
 # By key, or by what follows from keys: dotted names of attributes of the scene.
@@ -158,6 +161,20 @@ def slow_motion(scene: Scene) -> Iterator[str]:
         )
 
 
+def abrupt_shrinking(scene: Scene) -> Iterator[str]:
+    """A line if explicit motion may be handed a leaf that shrinks all at once, which folds triangles over."""
+    if scene.motion.method != "explicit" or not scene.shrinks:
+        return
+    for (dry, dry_lost), (wet, wet_lost) in pairwise(scene.shrink.curve):
+        lost = abs(dry_lost - wet_lost)
+        if lost > ABRUPT_LOSS and lost > ABRUPT_SLOPE * (wet - dry):
+            yield (
+                f"shrink.curve: {lost:.2g} of the length are lost between the water contents {dry:g} and {wet:g}: "
+                f"usual: over {lost / ABRUPT_SLOPE:.2g} of water or more; explicit motion may fold the leaf over, which "
+                "'quasistatic' and 'implicit' do not"
+            )
+
+
 def motion_without_effect(scene: Scene) -> Iterator[str]:
     """A line for every key by which a leaf would swing, where it does not."""
     if scene.motion.method != "quasistatic":
@@ -205,6 +222,7 @@ def warnings_of(scene: Scene) -> tuple[str, ...]:
         events_without_effect,
         assumed_values,
         slow_motion,
+        abrupt_shrinking,
         motion_without_effect,
         inertia_decides,
         fine_maps,
