@@ -37,7 +37,7 @@ class Usual:
     why: str
 
 
-# A share of the length, and of it for a share of water, that explicit motion does not take at once (``leafwarp stability
+# A share of the length, and of it for a share of water, that explicit motion does not take at once (``stability
 # curve_width``: a fifth folds a strip within a tenth of the water).
 ABRUPT_LOSS, ABRUPT_SLOPE = 0.02, 1.0
 MANY_SUBSTEPS = 500  # of explicit motion in a frame; a soft leaf takes about 100
@@ -170,8 +170,8 @@ def abrupt_shrinking(scene: Scene) -> Iterator[str]:
         if lost > ABRUPT_LOSS and lost > ABRUPT_SLOPE * (wet - dry):
             yield (
                 f"shrink.curve: {lost:.2g} of the length are lost between the water contents {dry:g} and {wet:g}: "
-                f"usual: over {lost / ABRUPT_SLOPE:.2g} of water or more; explicit motion may fold the leaf over, which "
-                "'quasistatic' and 'implicit' do not"
+                f"usual: over {lost / ABRUPT_SLOPE:.2g} of water or more; explicit motion may fold the leaf over, "
+                "which 'quasistatic' and 'implicit' do not"
             )
 
 
