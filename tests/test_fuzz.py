@@ -1,0 +1,25 @@
+"""What fuzzing has found."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from test_cli import refused
+
+
+@pytest.mark.parametrize("text", ["a = " + "[" * 20_000, "a = " + "{a = " * 20_000])
+def test_scenes_nested_too_deeply(tmp_path: Path, capsys: pytest.CaptureFixture, text: str) -> None:
+    (tmp_path / "deep.toml").write_text(text)
+    assert "not valid TOML" in refused(capsys, "plan", tmp_path / "deep.toml")
+
+
+@pytest.mark.parametrize("number", ["9" * 5000, "0x" + "f" * 5000])
+def test_numbers_of_thousands_of_digits(small_scene: Path, capsys: pytest.CaptureFixture, number: str) -> None:
+    path = small_scene.with_name("digits.toml")
+    path.write_text(small_scene.read_text().replace("vertices = 120", f"vertices = {number}"))
+    assert "digits" in refused(capsys, "plan", path)
+    for key in ("mesh.vertices", "leaf.base"):
+        assert key in refused(capsys, "plan", small_scene, "--set", f"{key}={number}")
+    assert "mesh.vertices" in refused(capsys, "plan", small_scene, "--set", "mesh.vertices=" + "[" * 20_000)
