@@ -23,3 +23,13 @@ def test_numbers_of_thousands_of_digits(small_scene: Path, capsys: pytest.Captur
     for key in ("mesh.vertices", "leaf.base"):
         assert key in refused(capsys, "plan", small_scene, "--set", f"{key}={number}")
     assert "mesh.vertices" in refused(capsys, "plan", small_scene, "--set", "mesh.vertices=" + "[" * 20_000)
+
+
+@pytest.mark.parametrize("name", ["x" * 300, "\udcff"])
+@pytest.mark.parametrize("verb", ["run", "new"])
+def test_results_of_names_that_no_file_can_have(
+    small_scene: Path, photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture, verb: str, name: str
+) -> None:
+    refusal = refused(capsys, verb, small_scene if verb == "run" else photo, "-o", tmp_path / f"{name}.usd")
+    assert "choose another -o" in refusal
+    assert list(tmp_path.iterdir()) == []
