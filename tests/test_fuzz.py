@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+from leafwarp.cli import main, one_line
 from test_cli import refused
 
 
@@ -33,3 +34,15 @@ def test_results_of_names_that_no_file_can_have(
     refusal = refused(capsys, verb, small_scene if verb == "run" else photo, "-o", tmp_path / f"{name}.usd")
     assert "choose another -o" in refusal
     assert list(tmp_path.iterdir()) == []
+
+
+def test_messages_command_no_terminal(small_scene: Path, capsys: pytest.CaptureFixture) -> None:
+    assert one_line("a\nb\r\x1b[2Jc\u2028\udcffä") == "a b\\r\\x1b[2Jc\\u2028\\udcffä"
+    path = small_scene.with_name("key.toml")
+    path.write_text(small_scene.read_text() + '\n"a\\rb\\u001b[2J" = 1')
+    assert refused(capsys, "plan", path).isprintable()
+
+
+def test_new_names_its_picture_in_one_line(photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(["new", str(photo), "-o", str(tmp_path / "a\nb.toml")]) == 0
+    assert capsys.readouterr().err.count("\n") == 1
