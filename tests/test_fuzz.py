@@ -46,3 +46,14 @@ def test_messages_command_no_terminal(small_scene: Path, capsys: pytest.CaptureF
 def test_new_names_its_picture_in_one_line(photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
     assert main(["new", str(photo), "-o", str(tmp_path / "a\nb.toml")]) == 0
     assert capsys.readouterr().err.count("\n") == 1
+
+
+
+def test_a_cuda_device_that_is_not_there_is_refused_by_us_alone(
+    small_scene: Path, capfd: pytest.CaptureFixture
+) -> None:
+    import warp as wp
+
+    if not wp.is_cuda_available():
+        assert main(["plan", str(small_scene), "--device", "cuda"]) == 2
+        assert capfd.readouterr().err == "leafwarp: --device cuda: no such device; accepted here: cpu\n"
