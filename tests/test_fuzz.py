@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import cv2
+import numpy as np
 import pytest
 
 from leafwarp.cli import main, one_line
+from leafwarp.leaf.image.photo import read_grey
 from test_cli import refused
 
 
@@ -57,3 +60,10 @@ def test_a_cuda_device_that_is_not_there_is_refused_by_us_alone(
     if not wp.is_cuda_available():
         assert main(["plan", str(small_scene), "--device", "cuda"]) == 2
         assert capfd.readouterr().err == "leafwarp: --device cuda: no such device; accepted here: cpu\n"
+
+
+def test_grey_of_a_colour_picture(tmp_path: Path) -> None:
+    pixels = np.random.default_rng(4).integers(0, 256, (40, 50, 3), np.uint8)
+    cv2.imwrite(str(tmp_path / "map.png"), pixels)
+    expected = pixels.astype(float) @ [0.114, 0.587, 0.299] / 255.0
+    np.testing.assert_allclose(read_grey(tmp_path / "map.png"), expected, rtol=0.0, atol=1e-15)
