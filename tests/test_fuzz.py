@@ -14,6 +14,8 @@ from leafwarp.cli import main, one_line
 from leafwarp.leaf.image.photo import read_grey
 from leafwarp.leaf.maps.cells import half_widths
 from leafwarp.leaf.maps.pixel_frame import PixelFrame
+from leafwarp.scene.file import load_scene
+from leafwarp.sim.simulation import Simulation
 from test_cli import refused
 
 
@@ -87,3 +89,10 @@ def test_the_width_of_a_leaf_takes_as_long_to_find_on_a_map_of_one_row(scene_lea
         seconds[reach] = time.process_time() - begin
         np.testing.assert_allclose(found, [90.0, 9.0 + reach], rtol=0.0, atol=2.0)
     assert seconds[60.0] < 3.0 * seconds[1.0]
+
+
+@pytest.mark.parametrize("size", ["1", "[1, 24]", "[24, 1]", "[1, 2]"])
+def test_shrinking_along_veins_on_maps_one_cell_wide(small_scene: Path, scene_leaf, size: str) -> None:
+    scene = load_scene(small_scene, [f"maps.size={size}", "shrink.along_veins=0.5", "time.frames=3"])
+    frames = list(Simulation(scene, scene_leaf(scene)).frames())
+    assert len(frames) == 3 and all(np.isfinite(frame.points).all() for frame in frames)
