@@ -96,3 +96,20 @@ def test_shrinking_along_veins_on_maps_one_cell_wide(small_scene: Path, scene_le
     scene = load_scene(small_scene, [f"maps.size={size}", "shrink.along_veins=0.5", "time.frames=3"])
     frames = list(Simulation(scene, scene_leaf(scene)).frames())
     assert len(frames) == 3 and all(np.isfinite(frame.points).all() for frame in frames)
+
+
+@pytest.mark.parametrize("verb", ["plan", "run"])
+def test_water_that_no_factor_exists_for(
+    small_scene: Path, tmp_path: Path, capsys: pytest.CaptureFixture, monkeypatch: pytest.MonkeyPatch, verb: str
+) -> None:
+    def singular(*_: object, **__: object) -> None:
+        raise RuntimeError("Factor is exactly singular")
+
+    monkeypatch.setattr("leafwarp.sim.fluid.exchange.splu", singular)
+    changes = ["fluid.scheme='unsplit'", "fluid.solver='factor'", "time.frames=2"]
+    options = [word for change in changes for word in ("--set", change)]
+    output = ["-q", "-o", str(tmp_path)] if verb == "run" else []
+    assert main([verb, str(small_scene), *output, *options]) == 1
+    line = capsys.readouterr().err
+    assert line.startswith("leafwarp: frame 2: factored_diffusion: ") and line.count("\n") == 1
+    assert "fluid.step" in line
