@@ -1,7 +1,12 @@
-"""What fuzzing has found."""
+"""A short run of ``python -m benchmarks fuzz``, and what its long ones have found."""
 
 from __future__ import annotations
 
+import json
+import os
+import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 from types import SimpleNamespace
@@ -10,13 +15,73 @@ import cv2
 import numpy as np
 import pytest
 
+from benchmarks.fuzz import Process, run_cases
+from fuzzing.worker import faults_of, make_case
 from leafwarp.cli import main, one_line
 from leafwarp.leaf.image.photo import read_grey
 from leafwarp.leaf.maps.cells import half_widths
 from leafwarp.leaf.maps.pixel_frame import PixelFrame
 from leafwarp.scene.file import load_scene
 from leafwarp.sim.simulation import Simulation
-from test_cli import refused
+from test_cli import ENVIRONMENT, refused
+
+CASES = 90
+
+
+def test_damaged_and_extreme_input_ends_as_it_should(tmp_path: Path) -> None:
+    outcomes = list(run_cases(range(CASES), seed=0, workers=1, findings=tmp_path))
+    assert [outcome for outcome in outcomes if outcome.faults] == []
+    assert [outcome.index for outcome in outcomes] == list(range(CASES))
+    assert {outcome.code for outcome in outcomes} >= {0, 2}
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_case_is_the_same_in_every_process() -> None:
+    code = "from fuzzing.worker import make_case; print(repr([make_case(3, index) for index in range(20)]))"
+    paths = os.pathsep.join([str(Path(__file__).parent), ENVIRONMENT["PYTHONPATH"]])
+    environment = {**ENVIRONMENT, "PYTHONPATH": paths, "PYTHONHASHSEED": "7"}
+    done = subprocess.run([sys.executable, "-c", code], env=environment, stdout=subprocess.PIPE, text=True, check=True)
+    assert done.stdout.strip() == repr([make_case(3, index) for index in range(20)])
+
+
+@pytest.mark.parametrize(
+    ("code", "stdout", "stderr", "fault"),
+    [
+        (None, "", "Traceback (most recent call last):\n", "traceback"),
+        (3, "", "leafwarp: a\n", "exit code 3"),
+        (2, "", "leafwarp: a\nleafwarp: b\n", "2 lines of error"),
+        (2, "", "", "0 lines of error"),
+        (2, "", "leafwarp: a\x1b[2J\n", "not printable"),
+        (0, "", "x.py:3: RuntimeWarning: overflow\n", "not of leafwarp"),
+        (1, "", "leafwarp: a\n", "without a frame"),
+        (2, "a", "leafwarp: a\n", "writes to stdout"),
+        (2, "", "leafwarp: warning: a\nleafwarp: b\n", None),
+        (1, "", "leafwarp: frame 3: motion: a; b\n", None),
+    ],
+)
+def test_what_counts_as_a_finding(code: int | None, stdout: str, stderr: str, fault: str | None) -> None:
+    faults = faults_of(code, stdout, stderr)
+    assert faults == [] if fault is None else fault in faults[0]
+
+
+@pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGSTOP])
+def test_a_case_that_kills_or_stops_its_process_is_a_finding(
+    tmp_path: Path, number: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("benchmarks.fuzz.LIMIT", 1.0)
+    process = Process(0, tmp_path, [sys.executable, "-c", STUB.format(number=int(number))])
+    process.begin(5)
+    outcome = process.end()
+    process.close()
+    expected = "no end after 1 s" if number == signal.SIGSTOP else "the process died with exit code -9"
+    assert outcome.faults == (expected,)
+    assert json.loads((tmp_path / "0-5" / "finding.json").read_text())["index"] == 5
+
+
+STUB = "import os, sys; print('ready', flush=True); sys.stdin.readline(); os.kill(os.getpid(), {number})"
+
+
+# What long runs have found, mended.
 
 
 @pytest.mark.parametrize("text", ["a = " + "[" * 20_000, "a = " + "{a = " * 20_000])
@@ -50,12 +115,6 @@ def test_messages_command_no_terminal(small_scene: Path, capsys: pytest.CaptureF
     path = small_scene.with_name("key.toml")
     path.write_text(small_scene.read_text() + '\n"a\\rb\\u001b[2J" = 1')
     assert refused(capsys, "plan", path).isprintable()
-
-
-def test_new_names_its_picture_in_one_line(photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
-    assert main(["new", str(photo), "-o", str(tmp_path / "a\nb.toml")]) == 0
-    assert capsys.readouterr().err.count("\n") == 1
-
 
 
 def test_a_cuda_device_that_is_not_there_is_refused_by_us_alone(
@@ -113,3 +172,8 @@ def test_water_that_no_factor_exists_for(
     line = capsys.readouterr().err
     assert line.startswith("leafwarp: frame 2: factored_diffusion: ") and line.count("\n") == 1
     assert "fluid.step" in line
+
+
+def test_new_names_its_picture_in_one_line(photo: Path, tmp_path: Path, capsys: pytest.CaptureFixture) -> None:
+    assert main(["new", str(photo), "-o", str(tmp_path / "a\nb.toml")]) == 0
+    assert capsys.readouterr().err.count("\n") == 1
