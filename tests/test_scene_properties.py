@@ -22,7 +22,9 @@ from pxr import Usd, UsdGeom
 from leafwarp.errors import SimulationError
 from leafwarp.run import output_paths, run_scene
 from leafwarp.scene import Scene
+from leafwarp.scene.file import load_scene
 from leafwarp.sim.limits import FARTHEST_TRAVEL
+from leafwarp.sim.pace import couplings_per_frame
 from leafwarp.sim.simulation import Simulation
 from scene_strategies import scenes
 
@@ -177,3 +179,9 @@ def test_a_run_keeps_the_frames_before_a_failure(
     assert len(kept) == expected
     assert all(np.isfinite(points).all() for points in kept)
     assert paths.report.is_file()
+
+
+def test_a_jump_of_the_shrinking_where_no_water_is_lost(small_scene: Path) -> None:
+    changes = ["transpiration.rate=0", "transpiration.cuticle_rate=0", "source.conductance=0", "time.frames=2"]
+    scene = load_scene(small_scene, ["shrink.curve=[[0, 0.2], [5e-324, 0], [1, 0]]", *changes])
+    assert couplings_per_frame(scene) == 1
