@@ -16,7 +16,7 @@ import sys
 from collections.abc import Sequence
 from pathlib import Path
 
-from benchmarks import clocks, fluid, guards, memory, scaling, startup, structure, table2, tolerance, unsplit
+from benchmarks import clocks, fluid, fuzz, guards, memory, scaling, startup, structure, table2, tolerance, unsplit
 from benchmarks.peers import motion as peers
 from benchmarks.results import describe_machine, write_section
 from leafwarp.errors import InputError
@@ -34,9 +34,10 @@ BENCHMARKS = {
     "tolerance": tolerance,
     "guards": guards,
     "peers": peers,
+    "fuzz": fuzz,
 }
 UNNAMED = "table2"
-ALL = tuple(name for name in BENCHMARKS if name != "peers")
+ALL = tuple(name for name in BENCHMARKS if name not in ("peers", "fuzz"))
 
 
 def make_parser() -> argparse.ArgumentParser:
@@ -58,7 +59,7 @@ def make_parser() -> argparse.ArgumentParser:
         if hasattr(module, "QUICK"):
             one.add_argument("--quick", action="store_true", help=module.QUICK)
         _add_write(one)
-    every = names.add_parser("all", help=f"all but peers: {', '.join(ALL)}")
+    every = names.add_parser("all", help=f"all but peers and fuzz: {', '.join(ALL)}")
     every.add_argument("--quick", action="store_true", help="the quick form of each")
     _add_write(every)
     return parser

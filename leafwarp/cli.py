@@ -26,8 +26,9 @@ class _Parser(argparse.ArgumentParser):
 
 
 def one_line(message: object) -> str:
-    """A message whose parts may hold line breaks, such as the name of a file."""
-    return " ".join(str(message).split("\n"))
+    """A message whose parts, such as the name of a file, may hold line breaks or commands to a terminal."""
+    text = " ".join(str(message).split("\n"))
+    return "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in text)
 
 
 def _frame_range(text: str) -> tuple[int, int]:
@@ -266,7 +267,7 @@ def _new(arguments: argparse.Namespace) -> None:
     output = arguments.output or Path(arguments.photo.with_suffix(".toml").name)
     new = write_new_scene(arguments.photo, output, arguments.length, arguments.overwrite, arguments.maps)
     _warn(new.findings.notes)
-    print(f"leafwarp: see in {new.overlay} what was found in the photo", file=sys.stderr)
+    print(f"leafwarp: see in {one_line(new.overlay)} what was found in the photo", file=sys.stderr)
     print(new.scene)
 
 
@@ -294,7 +295,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
     except OSError as error:
         # A closed pipe is no news to the one who closed it; anything else is.
         if not isinstance(error, BrokenPipeError):
-            print(f"leafwarp: {error.filename or 'stdout'}: {error.strerror}", file=sys.stderr)
+            print(f"leafwarp: {one_line(error.filename or 'stdout')}: {error.strerror}", file=sys.stderr)
         sys.stdout = open(os.devnull, "w")  # the flush at exit has somewhere to go
         return 1
     return code or 0

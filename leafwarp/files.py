@@ -5,7 +5,30 @@ from __future__ import annotations
 import contextlib
 from pathlib import Path
 
-from leafwarp.errors import OutputError
+from leafwarp.errors import InputError, OutputError
+
+
+def check_result(path: Path, overwrite: bool) -> None:
+    """See that a result may be written to a file.
+
+    Args:
+        path: The file.
+        overwrite: Whether what is there already may be replaced.
+
+    Raises:
+        InputError: It is there already, is a folder, or no file can have that name.
+    """
+    try:
+        str(path).encode()
+        is_folder, is_there = path.is_dir(), path.exists()
+    except UnicodeEncodeError:
+        raise InputError(f"{path}: is a name that is not UTF-8; choose another -o") from None
+    except OSError as error:
+        raise InputError(f"{path}: cannot be written: {error.strerror}; choose another -o") from None
+    if is_folder:
+        raise InputError(f"{path}: is a folder where a result is to be written")
+    if is_there and not overwrite:
+        raise InputError(f"{path}: exists already; --overwrite replaces it")
 
 
 def write_bytes(path: Path, data: bytes) -> None:

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from leafwarp.errors import InputError
-from leafwarp.files import write_bytes, write_text
+from leafwarp.files import check_result, write_bytes, write_text
 from leafwarp.leaf.image.photo import read_photo
 from leafwarp.leaf.leaf import Findings
 from leafwarp.leaf.overlay import draw_overlay
@@ -78,7 +78,4 @@ def _check_paths(photo: Path, results: list[Path], overwrite: bool) -> None:
     for path in results:
         if path.resolve() == photo.resolve():
             raise InputError(f"{path}: is the photo itself, which the result would replace; choose another -o")
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder where a result is to be written")
-        if path.exists() and not overwrite:
-            raise InputError(f"{path}: exists already; --overwrite replaces it")
+        check_result(path, overwrite)

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from leafwarp.errors import SimulationError
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.report import map_report, mesh_report
 from leafwarp.scene import Scene
 from leafwarp.scene.warnings import MANY_SUBSTEPS
+from leafwarp.sim.fluid.steps import NotConverged
 
 if TYPE_CHECKING:
     from leafwarp.sim.simulation import Simulation
+    from leafwarp.sim.stage import Stage
 
 # Up to this conductance times step, a row-column step carries water along a diagonal vein nearly as it should.
 SPLIT_BETA = 5.0
@@ -58,10 +61,22 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
         "only_explicit": scene.leaves is not None or scene.structure.bending == "paper",
         "warnings": list(scene.warnings),
         "bytes": plan.byte_count,
-        "host_bytes": sum(stage.host_bytes for stage in plan.stages),
+        "host_bytes": sum(map(_host_bytes, plan.stages)),
         "stages": plan.describe(runs, motions),
         "left_out": [{"name": name, "reason": reason} for name, reason in plan.left_out.items()],
     }
+
+
+def _host_bytes(stage: Stage) -> int:
+    """What a stage holds beside the arrays [byte].
+
+    Raises:
+        SimulationError: What it holds cannot be made; a run meets that in its first fluid step.
+    """
+    try:
+        return stage.host_bytes
+    except NotConverged as error:
+        raise SimulationError(2, stage.name, str(error)) from None
 
 
 def _largest_beta(simulation: Simulation) -> float | None:

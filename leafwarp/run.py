@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 from leafwarp import __version__
 from leafwarp.errors import InputError, LeafwarpError, OutputError
-from leafwarp.files import texture_path, write_text
+from leafwarp.files import check_result, texture_path, write_text
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.progress import Progress
 from leafwarp.report import make_report
@@ -90,10 +90,7 @@ def make_output_folder(scene: Scene, paths: OutputPaths, overwrite: bool, maps: 
             raise InputError(
                 f"{path}: is an image of the scene, which a result of this name would replace; choose another -o"
             )
-        if path.is_dir():
-            raise InputError(f"{path}: is a folder where a result is to be written")
-        if path.exists() and not overwrite:
-            raise InputError(f"{path}: exists already; --overwrite replaces it")
+        check_result(path, overwrite)
     try:
         paths.usd.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -12,6 +12,7 @@ from typing import Any
 
 import pytest
 
+from leafwarp.leaf.maps import make
 from leafwarp.leaf.mesh import triangulate
 from leafwarp.leaf.segment import silhouette
 from leafwarp.leaf.shape import outline
@@ -22,6 +23,7 @@ STEPS = (
     (silhouette, "silhouette"),
     (outline, "find_outline"),
     (veins, "find_venation"),
+    (make, "stalk_cells"),
     (triangulate, "fill_leaf"),
 )
 PLAIN = {name: getattr(module, name) for module, name in STEPS}

@@ -70,7 +70,10 @@ def _plain_words(error: Mapping[str, Any]) -> str:
 
 
 def _quoted(value: Any) -> str:
-    text = repr(value)
+    try:
+        text = repr(value)
+    except ValueError:  # Python prints whole numbers of up to 4300 digits
+        return "a number of thousands of digits"
     return text if len(text) <= LONGEST_QUOTE else f"{text[:LONGEST_QUOTE]}..."
 
 

@@ -70,7 +70,9 @@ def load_scene(path: Path, changes: Sequence[str] = ()) -> Scene:
         raise InputError(f"{path}: no such scene file") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}: cannot be read as a text file: {error}") from None
-    except tomllib.TOMLDecodeError as error:
+    except RecursionError:
+        raise InputError(f"{path}: not valid TOML: lists or tables are nested too deeply") from None
+    except ValueError as error:  # a number of thousands of digits, too
         raise InputError(f"{path}: not valid TOML: {error}") from None
     changed: dict[str, Any] = {}
     for change in changes:
@@ -79,7 +81,7 @@ def load_scene(path: Path, changes: Sequence[str] = ()) -> Scene:
             raise InputError(f"--set {change}: accepted: key=value, such as fluid.step=30")
         try:
             value = tomllib.loads(f"value = {text}")["value"]
-        except tomllib.TOMLDecodeError:
+        except (ValueError, RecursionError):
             value = text.strip()
         changed[key.strip()] = value
     _make_way(data, changed)

@@ -49,6 +49,8 @@ def check_device(device: str) -> str:
         InputError: There is no such device here.
     """
     try:
+        if device == "cuda" and not wp.is_cuda_available():  # Warp would ask a driver that is not there
+            raise ValueError
         return wp.get_device(device).alias
     except (RuntimeError, ValueError):
         known = ", ".join(d.alias for d in wp.get_devices())

@@ -29,7 +29,9 @@ def couplings_per_frame(scene: Scene) -> int:
     most = max(1.0, scene.shrink.along_veins)
     slope = most * max(abs((b - a) / (to - at)) for (at, a), (to, b) in pairwise(curve))
     lost = min(1.0, _speed(scene) * scene.time.duration / (frames - 1))
-    return max(1, math.ceil(min(slope * lost, most * _range(curve)) / MOST_STRAIN))
+    # The curve may be steeper than any number, and no water lost.
+    strain = min(slope * lost, most * _range(curve)) if lost > 0.0 else 0.0
+    return max(1, math.ceil(strain / MOST_STRAIN))
 
 
 def path_times(scene: Scene) -> tuple[float, ...]:

@@ -33,12 +33,17 @@ def vein_directions(leaf: Leaf) -> np.ndarray:
     sigma = np.maximum(WIDTH * leaf.length / cell, 2.0)
     # A derivative of neighbouring cells alone would favour the map's own directions.
     smooth = smooth_over_leaf(leaf.maps["venation"], leaf.mask, (1.0, 1.0))
-    along_y, along_x = np.gradient(smooth, cell[1], cell[0])
+    along_y, along_x = (_slope(smooth, axis, size) for axis, size in enumerate((cell[1], cell[0])))
     inner = _inner_cells(leaf.mask)
     products = (along_x * along_x, along_y * along_y, along_x * along_y)
     xx, yy, xy = (smooth_over_leaf(values * inner, leaf.mask, tuple(sigma)) for values in products)
     faint = (FAINT / (WIDTH * leaf.length)) ** 2
     return np.stack([yy - xx, -2.0 * xy], axis=-1) / (xx + yy + faint)[..., None]
+
+
+def _slope(values: np.ndarray, axis: int, cell: float) -> np.ndarray:
+    """Derivative along an axis by central differences; across a single cell there is none."""
+    return np.gradient(values, cell, axis=axis) if values.shape[axis] > 1 else np.zeros_like(values)
 
 
 def _inner_cells(mask: np.ndarray) -> np.ndarray:

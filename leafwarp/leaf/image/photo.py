@@ -90,8 +90,9 @@ def read_grey(path: Path, data: bytes | None = None) -> np.ndarray:
     whole = 1.0 if np.issubdtype(pixels.dtype, np.floating) else np.iinfo(pixels.dtype).max
     grey = pixels if pixels.ndim == 2 else pixels[..., 0]
     if pixels.ndim == 3 and pixels.shape[2] >= 3:
-        grey = pixels[..., :3] @ np.array([0.114, 0.587, 0.299])
-    return np.clip(np.nan_to_num(grey / whole), 0.0, 1.0)
+        grey = sum(weight * pixels[..., channel] for channel, weight in enumerate((0.114, 0.587, 0.299)))
+    grey = np.nan_to_num(grey / whole, copy=False)
+    return np.clip(grey, 0.0, 1.0, out=grey)
 
 
 def _read_header(path: Path, data: bytes, minimum_side: int) -> ImageHeader:
