@@ -18,16 +18,19 @@ TEMPLATE = """\
 # A plain number is SI; a string carries its unit. A table that you delete is not modelled and costs nothing.
 # A leaf as a botanist would state it, by its material, the air and its stomata, is offered further down.
 
+quality = "final"            # or balanced or draft, which are faster and coarser; or in place of this line
+                             # tolerance = "1 %" of the leaf's length: coarse films find what that takes
+
 [leaf]
 image = {image}
 {length}
 {found}
 [mesh]
-vertices = 1700              # more is finer and slower
+# vertices = 1700            # your own number instead of the quality's; so for maps.size, fluid.step, fluid.scheme
 # follow_veins = true        # main veins become edges of the mesh
 
 [maps]
-size = 256                   # cells of the water map: a number, or [width, height]
+# size = 256                 # cells of the water map: a number, or [width, height]
 # venation = "veins.png"     # your own maps instead of automatic ones; so for stomata, water, source
 # venation = "parallel"      # or veins made up: parallel, pinnate or palmate
 
@@ -37,8 +40,8 @@ frames = 120                 # ... shown in so many frames
 fps = 24
 
 [fluid]                      # water flows along the veins and seeps between them
-scheme = "unsplit"           # no error along diagonal veins; "split" is the paper's and wants a step of seconds
-step = "4 min"               # shorter is more accurate and slower: python -m leafwarp tradeoff measures it
+# scheme = "split"           # the paper's; it wants a step of seconds: python -m leafwarp tradeoff measures it
+# step = "15 s"
 {lamina_diffusivity}
 {vein_diffusivity}
 
