@@ -77,13 +77,14 @@ def uncommented(text: str) -> list[str]:
 def test_every_override_is_accepted_when_it_is_uncommented(folder: Path) -> None:
     text = (folder / "mine.toml").read_text()
     keys = uncommented(text)
-    assert {line.split(" = ")[0] for line in keys} >= {"base", "rect", "mask", "holes", "venation", "texture_limit"}
+    wanted = {"base", "rect", "mask", "holes", "venation", "texture_limit", "vertices", "size", "scheme", "step"}
+    assert {line.split(" = ")[0] for line in keys} >= wanted
     for line in keys:
         changed = folder / "changed.toml"
         changed.write_text(text.replace(f"# {line}", line))
         key, value = next(iter(tomllib.loads(line).items()))
         scene = load_scene(changed)
-        tables = [getattr(scene, table) for table in ("leaf", "mesh", "maps", "motion", "output")]
+        tables = [getattr(scene, table) for table in ("leaf", "mesh", "maps", "fluid", "motion", "output")]
         held = next(getattr(table, key) for table in tables if key in type(table).model_fields)
         assert held == (tuple(value) if isinstance(value, list) else folder / value if key == "mask" else held)
         changed.unlink()
