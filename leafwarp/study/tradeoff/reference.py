@@ -181,7 +181,7 @@ def find_reference(
         try:
             after = run(finer, left())
         except (OutOfTime, LeafwarpError) as error:
-            say(f"given up: {finer.in_words(setting)}: {error or 'no time left'}")
+            say(f"given up: {finer.in_words(setting)}: {str(error) or 'no time left'}")
             del sizes[kind]
             continue
         compare(kind, setting, trial, finer, after)
