@@ -35,7 +35,7 @@ OPTIONS: dict[str, dict[str, Any]] = {
     },
     "--first": {"type": int, "default": 0, "help": "index of the first case (default: 0)"},
     "--workers": {"type": int, "default": 1, "help": "processes (default: 1)"},
-    "--findings": {"default": "fuzz-findings", "metavar": "DIR", "help": "where cases are kept that went wrong"},
+    "--findings": {"default": "output/fuzz-findings", "metavar": "DIR", "help": "where cases are kept that went wrong"},
 }
 
 
@@ -45,7 +45,7 @@ class Outcome:
 
     Attributes:
         index: Its number.
-        kind: How it was made.
+        kind: How it was made; "none" where the worker ended before it was.
         code: Exit code; None where there is none.
         seconds: Wall time [s].
         faults: Everything that is wrong; empty where nothing is.
@@ -145,14 +145,14 @@ class Process:
             with contextlib.suppress(subprocess.TimeoutExpired):
                 self._child.wait(GRACE)
             self._child.kill()
+        call = self._folder / "worker" / "call.json"
+        kind = json.loads(call.read_text())["kind"] if call.exists() else "none"
         said = [
             path.read_text(errors="replace")
             for path in (self._folder / "worker" / "stderr", self._log)
             if path.exists()
         ]
-        outcome = Outcome(
-            self._index, "died or hung", None, time.monotonic() - self._begin, (fault,), "".join(said)[-4000:]
-        )
+        outcome = Outcome(self._index, kind, None, time.monotonic() - self._begin, (fault,), "".join(said)[-4000:])
         self._keep(outcome)
         self.close()
         return outcome

@@ -110,7 +110,8 @@ class Worker:
         case = make_case(seed, index)
         self._lay_out(case)
         arguments = [*case.arguments, *self._cut_down(case.arguments)]
-        (self._folder / CALL).write_text(json.dumps({"seed": seed, "index": index, "arguments": arguments}))
+        call = {"seed": seed, "index": index, "kind": case.kind, "arguments": arguments}
+        (self._folder / CALL).write_text(json.dumps(call))
         before = self._tree()
         self._writes.seen.clear()
         begin = time.perf_counter()
