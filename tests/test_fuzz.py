@@ -7,7 +7,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -134,20 +133,16 @@ def test_grey_of_a_colour_picture(tmp_path: Path) -> None:
     np.testing.assert_allclose(read_grey(tmp_path / "map.png"), expected, rtol=0.0, atol=1e-15)
 
 
-def test_the_width_of_a_leaf_takes_as_long_to_find_on_a_map_of_one_row(scene_leaf, small_scene: Path) -> None:
-    """Time in the same process: a window as wide as the raster, and one of a few pixels."""
+def test_the_width_of_a_leaf_on_a_map_of_one_row() -> None:
+    """By a window as wide as the raster, and by one of a few pixels."""
     angle = np.linspace(0.0, 2.0 * np.pi, 60, endpoint=False)
     points = 100.0 + 90.0 * np.column_stack([np.cos(angle), np.sin(angle)])
     outline = SimpleNamespace(points=points, holes=[])
     frame = PixelFrame.around(outline)
     centres = np.array([[100.0, 100.0], [100.0, 20.0]])
-    seconds = {}
     for reach in (1.0, 60.0):
-        begin = time.process_time()
         found = half_widths(centres, outline, frame, (400, 1), reach)
-        seconds[reach] = time.process_time() - begin
         np.testing.assert_allclose(found, [90.0, 9.0 + reach], rtol=0.0, atol=2.0)
-    assert seconds[60.0] < 3.0 * seconds[1.0]
 
 
 @pytest.mark.parametrize("size", ["1", "[1, 24]", "[24, 1]", "[1, 2]"])
