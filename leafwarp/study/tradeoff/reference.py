@@ -155,7 +155,7 @@ def find_reference(
     Raises:
         LeafwarpError: Not even the first setting can be computed.
     """
-    setting = first_setting(scene)
+    own, setting = Setting.of(scene), first_setting(scene)
     trial = run(setting, math.inf)
     refinements: list[Refinement] = []
     sizes: dict[str, float] = {}
@@ -173,7 +173,8 @@ def find_reference(
         elif refine(setting, kind) is not None:
             sizes[kind] = math.inf  # as coarse as can be: nothing is known of it but what a finer one tells
     while sizes and max(sizes.values()) > CONVERGED:
-        kind = max(sizes, key=sizes.get)
+        # Nothing may be coarser than in the scene itself, if that can be paid.
+        kind = "map" if "map" in sizes and setting.cells < own.cells else max(sizes, key=sizes.get)
         finer = refine(setting, kind)
         if finer is None or predict(finer) > left():
             del sizes[kind]
