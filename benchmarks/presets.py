@@ -88,6 +88,7 @@ def judge(folder: Path) -> list[dict[str, Any]]:
                 "seconds": preset["seconds"],
                 "water_error": preset["water_error"],
                 "shape_error": preset["shape_error"],
+                "own_water_error": result["reference"]["own_errors"]["water_error"],
                 "own_shape_error": result["reference"]["own_errors"]["shape_error"],
                 "compared_with": sum(row["seconds"] is not None for row in result["settings"]) - 1,
                 "beaten_by": [
