@@ -27,7 +27,7 @@ def test_what_beats_a_preset_in_it_is_told() -> None:
     page = KEPT.with_name("CHOOSING.md").read_text()
     for one in json.loads(KEPT.read_text()):
         for by in one["beaten_by"]:
-            assert f"`{one['scene']}`, `\"{one['quality']}\"`: `{by['varied']}`" in page
+            assert f'`{one["scene"]}`, `"{one["quality"]}"`: `{by["varied"]}`' in page
 
 
 def test_finer_presets_are_slower_and_no_further_off() -> None:

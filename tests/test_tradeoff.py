@@ -332,6 +332,10 @@ def test_a_trial_apart_is_the_trial_here(small_scene: Path, tmp_path: Path, leaf
     assert apart.points.tobytes() == here.points.tobytes() and apart.water.tobytes() == here.water.tobytes()
     with pytest.raises(TrialFailed, match=r"frame 2: motion: needs .* substeps"):
         compute_apart(request("failed.npz", **{"solver.maximum_substeps": 1}), 100.0)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(worker.sys, "executable", "/bin/false")
+        with pytest.raises(TrialFailed, match="its process ended with code 1"):
+            compute_apart(request("crashed.npz"), 100.0)
     with pytest.raises(worker.OutOfTime):
         compute_apart(request("late.npz"), 1e-3)
     assert Trial.load(tmp_path / "late.npz") is None
@@ -339,6 +343,19 @@ def test_a_trial_apart_is_the_trial_here(small_scene: Path, tmp_path: Path, leaf
     half.write_bytes((tmp_path / "apart.npz").read_bytes()[:500])
     assert Trial.load(half) is None
     assert dataclasses.asdict(Trial.load(tmp_path / "apart.npz"))["vertices"] == apart.vertices
+
+
+def test_progress_is_a_bar_on_a_terminal(
+    small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch, capsys
+) -> None:
+    import sys
+
+    for is_terminal in (False, True):
+        monkeypatch.setattr(sys.stderr, "isatty", lambda answer=is_terminal: answer)
+        run(small_scene, tmp_path / str(is_terminal), leaf_cache, SMALLER, budget=1e-3, quiet=False)
+        told = capsys.readouterr().err
+        assert "the scene as written, 5 frames" in told and "skipped: budget" in told
+        assert ("█" in told) == is_terminal and ("/0 s" in told)
 
 
 @pytest.mark.parametrize("budget", ["0", "-3 min", "soon", "10 cm", "nan"])

@@ -176,6 +176,11 @@ class _Study:
         np.save(self._places, sample_points(self._leaf.mesh))
         self._film = scene
         self._names: dict[Setting, str] = {}
+        self._bar = None
+        if not quiet and sys.stderr.isatty():
+            from tqdm import tqdm
+
+            self._bar = tqdm(total=budget, file=sys.stderr, bar_format="{bar}| {n:.0f}/{total:.0f} s {postfix}")
         self._trials: dict[Setting, Trial] = {}
         self._settings: list[Setting] = []  # of the rows
 
@@ -216,6 +221,8 @@ class _Study:
         for sentence in summary:
             self._say(sentence)
         write_text(self._output / TEXT, "\n".join([*summary, "", parts_table(parts)]))
+        if self._bar is not None:
+            self._bar.close()
         result = self._result(reference, own, nudged, has_one_shape, summary)
         return result | {"parts": [part.as_dict() for part in parts]}
 
@@ -234,7 +241,12 @@ class _Study:
         if self._quiet:
             return
         estimate = "" if ahead is None else f", about {max(0.0, min(ahead, self._left)):.0f} s left"
-        print(f"[{self._spent:.0f}/{self._budget:.0f} s{estimate}] {text}", file=sys.stderr, flush=True)
+        if self._bar is None:
+            print(f"[{self._spent:.0f}/{self._budget:.0f} s{estimate}] {text}", file=sys.stderr, flush=True)
+            return
+        self._bar.write(text, file=sys.stderr)
+        self._bar.n = min(self._spent, self._budget)
+        self._bar.set_postfix_str(estimate.removeprefix(", "))
 
     # What is computed.
 

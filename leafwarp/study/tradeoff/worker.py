@@ -87,8 +87,8 @@ def compute_apart(request: Request, seconds: float) -> Trial:
         raise OutOfTime from None
     trial = Trial.load(Path(request.result)) if done.returncode == 0 else None
     if trial is None:
-        said = done.stderr.strip().splitlines() or [f"its process ended with code {done.returncode}"]
-        raise TrialFailed(said[-1])
+        said = done.stderr.strip().splitlines() if done.returncode == 1 else []
+        raise TrialFailed(said[-1] if said else f"its process ended with code {done.returncode}")
     return trial
 
 
