@@ -9,7 +9,6 @@ from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.report import map_report, mesh_report
 from leafwarp.scene import Scene
 from leafwarp.scene.warnings import MANY_SUBSTEPS
-from leafwarp.sim.fluid.steps import NotConverged
 
 if TYPE_CHECKING:
     from leafwarp.sim.simulation import Simulation
@@ -73,6 +72,10 @@ def _host_bytes(stage: Stage) -> int:
     Raises:
         SimulationError: What it holds cannot be made; a run meets that in its first fluid step.
     """
+    if stage.rate != "fluid step":
+        return stage.host_bytes
+    from leafwarp.sim.fluid.steps import NotConverged  # a scene without water that flows does not load this
+
     try:
         return stage.host_bytes
     except NotConverged as error:

@@ -232,11 +232,12 @@ def test_schema_documents_every_key() -> None:
 
 
 def number_keys() -> dict[str, dict]:
-    """What the JSON Schema says of every key of a scene that is, or may be, one number."""
+    """What the JSON Schema says of every key of a table that is, or may be, one number."""
     schema = Scene.model_json_schema()
     fields = {
         f"{table}.{key}": field
-        for table in set(Scene.model_fields) - {"name"}
+        for table in Scene.model_fields
+        if f"{table.capitalize()}Table" in schema["$defs"]
         for key, field in schema["$defs"][f"{table.capitalize()}Table"]["properties"].items()
     }
     return {key: field for key, field in sorted(fields.items()) if number_of(field)}
