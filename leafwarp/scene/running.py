@@ -39,7 +39,7 @@ class SolverTable(Table):
         description="Force that implicit motion leaves on a vertex, over the mean of load and inertia and a hundredth "
         "of its bending force; equilibria: a tenth of it.",
     )
-    coupling_interval: Annotated[Time, Bounds(0.0, unit="s", above=True)] | None = Field(
+    coupling_interval: Annotated[Time, Bounds(0.0, 1e12, "s", above=True)] | None = Field(
         None,
         description="Plant time between two moments at which the structure is told of the water [s], held to a whole "
         "number of them; frames in between show the water of the last one. Default: at every frame, and in between "
