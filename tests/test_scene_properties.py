@@ -29,7 +29,7 @@ from leafwarp.sim.simulation import Simulation
 from scene_strategies import scenes
 
 SCENES = os.environ.get("LEAFWARP_SCENES")  # to draw
-FEW = 40  # where nothing is said
+FEW = 30  # where nothing is said
 TIME_LIMIT = 60.0  # [s] of a scene; most take a tenth of a second
 SETTLING = 2**12  # substeps; the 2**17 that are allowed take seconds
 # Of the water, over all that was there, came and went: rounding of every step's account.
