@@ -30,7 +30,7 @@ def _part(data: dict) -> PartCost:
 
 def describe(result: dict) -> str:
     """A scene's part of the section."""
-    rows = [Row(**row) for row in result["settings"]]
+    rows = [Row.from_dict(row) for row in result["settings"]]
     measured = sorted((row for row in rows if row.measured), key=lambda row: row.seconds)
     shown = [row for row in measured if row.name or row.water_pareto or row.shape_pareto]
     film, whole = result["playback_seconds"], result["scene_playback_seconds"]

@@ -18,8 +18,8 @@ from benchmarks.results import write_section
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.scene.file import load_scene
 from leafwarp.scene.quality import QUALITIES
-from leafwarp.study.tradeoff.setting import Setting
 from leafwarp.study.tradeoff.study import TRIALS
+from leafwarp.study.tradeoff.table import Row
 from leafwarp.study.tradeoff.worker import Request, compute_apart
 
 SCENES = Path(__file__).parent.parent / "scenes"
@@ -28,14 +28,6 @@ TITLE = "The presets of quality on the front"
 # What counts as better, in time and in error.
 BETTER = 0.9
 PAIRS = 3
-
-
-def setting_of(row: dict[str, Any]) -> Setting:
-    """The setting of a row of a study, as it was asked for."""
-    names = ("fluid_step", "scheme", "angular_springs", "motion", "coupling_interval", "substep", "force_tolerance")
-    size = None if row["map_width"] is None else (row["map_width"], row["map_height"])
-    choices = {name: row[name] for name in names}
-    return Setting(map_size=size, vertices=row["vertices"], precision=row["precision"], **choices)
 
 
 def beating(result: dict[str, Any], preset: dict[str, Any], kind: str) -> list[dict[str, Any]]:
@@ -59,7 +51,7 @@ def ratio_of_times(result: dict[str, Any], row: dict[str, Any], preset: dict[str
     with tempfile.TemporaryDirectory() as scratch:
 
         def seconds(chosen: dict[str, Any]) -> float:
-            asked = setting_of(chosen).apply(scene)
+            asked = Row.from_dict(chosen).setting.apply(scene)
             prepare_scene_leaf(asked, Path(scratch))
             data = asked.model_dump(mode="json", exclude_unset=True)
             places, out = str(folder / TRIALS / "places.npy"), str(Path(scratch) / "trial.npz")

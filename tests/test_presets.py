@@ -4,13 +4,9 @@ from __future__ import annotations
 
 import json
 from itertools import pairwise
-from pathlib import Path
 
-from benchmarks.presets import BETTER, KEPT, beating, setting_of
-from leafwarp.scene.file import load_scene
+from benchmarks.presets import BETTER, KEPT, beating
 from leafwarp.scene.quality import QUALITIES, Resolution
-from leafwarp.study.tradeoff.setting import Setting
-from leafwarp.study.tradeoff.table import Row
 
 
 def test_the_committed_table_is_of_these_presets() -> None:
@@ -56,8 +52,3 @@ def test_what_beats_a_preset() -> None:
     # What the reference cannot tell apart beats nothing.
     result["reference"]["own_errors"]["shape_error"] = 0.05
     assert beating(result, preset, "shape") == []
-
-
-def test_a_row_tells_its_setting(small_scene: Path) -> None:
-    setting = Setting.of(load_scene(small_scene)).with_(motion="implicit")
-    assert setting_of(vars(Row.of(setting, "", "", 1.0))) == setting

@@ -14,6 +14,7 @@ from leafwarp.cli import main
 from leafwarp.errors import InputError
 from leafwarp.scene.file import load_scene
 from leafwarp.study.tradeoff import study, worker
+from leafwarp.study.tradeoff.errors import errors_of
 from leafwarp.study.tradeoff.reference import TIGHT_FORCE_TOLERANCE, first_setting
 from leafwarp.study.tradeoff.setting import Setting, single_changes
 from leafwarp.study.tradeoff.study import run_tradeoff
@@ -114,7 +115,8 @@ def test_every_choice_is_measured(result: dict) -> None:
 
 def test_choices_do_what_they_say(result: dict) -> None:
     own = row_of(result, "as written")
-    assert row_of(result, "mesh.vertices = 240")["vertices"] > 1.8 * own["vertices"]
+    finer = row_of(result, "mesh.vertices = 240")
+    assert finer["vertices"] == 2 * own["vertices"] and finer["mesh_vertices"] > 1.8 * own["mesh_vertices"]
     assert row_of(result, "fluid.step = 2400")["fluid_steps"] == 12 and own["fluid_steps"] == 48
     assert row_of(result, "solver.substep = 0.45")["motion_substeps"] > 1.9 * own["motion_substeps"]
     # Both round, and stop their iterations, well below this.
@@ -139,6 +141,34 @@ def test_the_reference_says_how_far_it_is_from_the_truth(result: dict) -> None:
         for row in result["settings"]:
             assert row[f"{kind}_within_reference"] == (row[f"{kind}_error"] < own[f"{kind}_error"])
         assert any(row[f"{kind}_pareto"] for row in result["settings"])
+
+
+def test_errors_fall_as_map_and_step_are_refined(small_scene: Path, tmp_path: Path, leaf_cache: Path) -> None:
+    """Against a finer map at a shorter step: of the shape as of the water, which it acts on alone."""
+    places = tmp_path / "places.npy"
+    np.save(places, np.random.default_rng(3).uniform((-0.015, 0.01), (0.015, 0.05), (200, 2)))
+    scene = load_scene(small_scene, ["solver.precision='float64'", "time.frames=5"])
+
+    def film(cells: int, step: float, scheme: str = "unsplit") -> Trial:
+        changes = {"maps.size": [3 * cells // 4, cells], "fluid.step": step, "fluid.scheme": scheme}
+        data = scene.with_changes(changes).model_dump(mode="json", exclude_unset=True)
+        name = str(tmp_path / f"{cells}_{step:g}_{scheme}.npz")
+        return compute_here(Request(data, "small", str(leaf_cache), str(places), name, "cpu"), 100.0)
+
+    def errors(reference: Trial, *setting) -> np.ndarray:
+        found = errors_of(film(*setting), reference, 0.06)
+        return np.array([found.water, found.shape])
+
+    truth = film(64, 150.0)
+    fine, late = errors(truth, 32, 300.0), errors(truth, 32, 2400.0)
+    coarse, both = errors(truth, 16, 300.0), errors(truth, 16, 2400.0)
+    # On the coarse map the map's own error rules, whatever the step; a finer map mends it.
+    assert (fine < late).all() and (late < both).all() and (fine < coarse).all()
+    # The splitting adds its own error to that of the step: on the same map, as it may make up for that of the map.
+    truth = film(32, 150.0)
+    split, split_late = errors(truth, 32, 300.0, "split"), errors(truth, 32, 2400.0, "split")
+    unsplit, unsplit_late = errors(truth, 32, 300.0), errors(truth, 32, 2400.0)
+    assert (split < split_late).all() and (unsplit < split).all() and (unsplit_late < split_late).all()
 
 
 def test_the_search_refines_what_changes_the_most(small_scene: Path, leaf_cache: Path, tmp_path: Path, quick) -> None:

@@ -9,8 +9,10 @@ import pytest
 
 from leafwarp.study.tradeoff.errors import errors_of, pareto_front
 from leafwarp.study.tradeoff.explore import combinations
+from leafwarp.study.tradeoff.reference import errors_fall_with_the_step
 from leafwarp.study.tradeoff.setting import Setting
 from leafwarp.study.tradeoff.surface import find_places, sample_points
+from leafwarp.study.tradeoff.table import Row
 from leafwarp.study.tradeoff.trial import Trial
 from meshes import strip
 
@@ -88,3 +90,28 @@ def test_combinations_promise_what_their_parts_do() -> None:
     assert not set(found) & set(measured)
     # Finer maps only cost here; nothing with them is on the front.
     assert all(setting.map_size == BASE.map_size for setting in found)
+
+
+def test_a_reference_that_finer_steps_move_away_from_is_not_converged() -> None:
+    def errors(*found: float, **choices) -> dict[Setting, float]:
+        return {
+            replace(BASE, fluid_step=step, **choices): error
+            for step, error in zip((240.0, 15.0, 60.0), found, strict=False)
+        }
+
+    assert errors_fall_with_the_step(errors(0.3, 0.1, 0.2), 0.0)
+    assert not errors_fall_with_the_step(errors(0.03, 0.5, 0.1), 0.1)
+    assert errors_fall_with_the_step(errors(0.03, 0.05, 0.1), 0.1)
+    assert errors_fall_with_the_step(errors(0.5), 0.0)
+    # Other maps and other schemes have errors of their own.
+    assert errors_fall_with_the_step(errors(0.3, 0.1, 0.2) | errors(0.9, 0.8, 0.8, scheme="unsplit"), 0.0)
+    assert not errors_fall_with_the_step(errors(0.3, 0.1, 0.2) | errors(0.7, 0.8, 0.8, scheme="unsplit"), 0.0)
+    assert errors_fall_with_the_step({replace(BASE, fluid_step=None): 1.0}, 0.0)
+
+
+def test_a_row_is_what_its_plain_data_say() -> None:
+    row = Row(replace(BASE, motion="implicit"), "draft", "motion.method = implicit", "done", 1.5, water_error=0.25)
+    assert (row.as_dict()["map_width"], row.as_dict()["vertices"]) == (256, 1000)
+    assert Row.from_dict(row.as_dict()) == row
+    dry = Row(replace(BASE, map_size=None, fluid_step=None, scheme=None), "", "", "skipped: budget", 1.0)
+    assert dry.as_dict()["map_width"] is None and Row.from_dict(dry.as_dict()) == dry

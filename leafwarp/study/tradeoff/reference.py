@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 from leafwarp.errors import LeafwarpError
@@ -91,6 +91,27 @@ class Reference:
         for refinement in self.refinements:
             kinds.setdefault(refinement.kind, []).append(refinement.size)
         return all(sizes[-1] <= max(sizes[0], CONVERGED) for sizes in kinds.values())
+
+
+def errors_fall_with_the_step(errors: Mapping[Setting, float], slack: float) -> bool:
+    """Whether settings come closer to the reference with a shorter fluid step, as they must if the reference is right.
+
+    Where a reference is far from converged, one more refinement may change little and say nothing; settings finer than
+    it then move away from it.
+
+    Args:
+        errors: Water error of each setting; those that differ by nothing but the step are compared.
+        slack: By how much an error may rise from a step to a shorter one.
+    """
+    families: dict[Setting, dict[float, float]] = {}
+    for setting, error in errors.items():
+        if setting.fluid_step is not None:
+            families.setdefault(replace(setting, fluid_step=None), {})[setting.fluid_step] = error
+    for family in families.values():
+        by_length = [family[step] for step in sorted(family)]
+        if any(error > min(by_length[index:]) + slack for index, error in enumerate(by_length)):
+            return False
+    return True
 
 
 def first_setting(scene: Scene) -> Setting:

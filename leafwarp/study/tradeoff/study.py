@@ -11,7 +11,6 @@ import shutil
 import sys
 import time
 from collections.abc import Callable
-from dataclasses import asdict
 from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
@@ -30,7 +29,7 @@ from leafwarp.study.parts import PartCost, measure_parts, parts_table
 from leafwarp.study.tradeoff.costs import CostModel
 from leafwarp.study.tradeoff.errors import errors_of, pareto_front
 from leafwarp.study.tradeoff.explore import combinations
-from leafwarp.study.tradeoff.reference import Reference, find_reference, first_setting
+from leafwarp.study.tradeoff.reference import Reference, errors_fall_with_the_step, find_reference, first_setting
 from leafwarp.study.tradeoff.setting import Setting, preset_settings, single_changes
 from leafwarp.study.tradeoff.summary import percent, summarise
 from leafwarp.study.tradeoff.surface import sample_points
@@ -182,7 +181,6 @@ class _Study:
 
             self._bar = tqdm(total=budget, file=sys.stderr, bar_format="{bar}| {n:.0f}/{total:.0f} s {postfix}")
         self._trials: dict[Setting, Trial] = {}
-        self._settings: list[Setting] = []  # of the rows
 
     def run(self) -> dict[str, Any]:
         """Do the study; fills ``rows`` and returns the result."""
@@ -210,20 +208,24 @@ class _Study:
         self._measure_combinations(reference, has_one_shape, kind)
         self._mark(own)
         parts = self._measure_parts()
-        of_singles = [row for row, setting in zip(self.rows, self._settings, strict=True) if setting in singles]
+        of_singles = [row for row in self.rows if row.setting in singles]
         summary = summarise(self.rows, kind, of_singles, own[f"{kind}_error"])
         if not has_one_shape:
             summary.append(_several_shapes(nudged))
-        if not reference.is_converged:
+        is_converged = reference.is_converged and errors_fall_with_the_step(
+            {row.setting: row.water_error for row in self.rows if row.measured}, own["water_error"]
+        )
+        if not is_converged:
             summary.append(
-                "The reference is not converged: refining it further changes it more. A larger budget would help."
+                "The reference is not converged: refining it, or what is held against it, changes more the further it "
+                "goes. A larger budget would help."
             )
         for sentence in summary:
             self._say(sentence)
         write_text(self._output / TEXT, "\n".join([*summary, "", parts_table(parts)]))
         if self._bar is not None:
             self._bar.close()
-        result = self._result(reference, own, nudged, has_one_shape, summary)
+        result = self._result(reference, own, nudged, has_one_shape, is_converged, summary)
         return result | {"parts": [part.as_dict() for part in parts]}
 
     # The clock.
@@ -323,11 +325,7 @@ class _Study:
         """Try what promises to lie on the front, and look again, until the time is over or nothing new is promised."""
         tried: set[Setting] = set()
         while True:
-            errors = {
-                setting: getattr(row, f"{kind}_error")
-                for setting, row in zip(self._settings, self.rows, strict=True)
-                if row.measured
-            }
+            errors = {row.setting: getattr(row, f"{kind}_error") for row in self.rows if row.measured}
             if self._base not in errors:
                 return
             guesses = [g for g in combinations(self._base, errors, self._costs.film) if g.setting not in tried]
@@ -345,7 +343,7 @@ class _Study:
     def _add_row(self, setting: Setting, reference: Reference, has_one_shape: bool, ahead: float) -> None:
         """Compute a setting, if there is time, and add it to the table."""
         predicted = self._costs.predict(setting)
-        row = Row.of(setting, self._names.get(setting, ""), setting.in_words(self._base), predicted)
+        row = Row(setting, self._names.get(setting, ""), setting.in_words(self._base), "done", predicted)
         if setting not in self._trials and predicted > self._left:
             row.status = "skipped: budget"
         else:
@@ -356,7 +354,6 @@ class _Study:
             except (TrialFailed, InputError) as error:
                 row.status = f"failed: {error}"
         self.rows.append(row)
-        self._settings.append(setting)
         append_row(self._output / TABLE, row)
         took = f"{predicted:.0f} s expected"
         if row.measured:
@@ -373,7 +370,7 @@ class _Study:
 
     def _fill(self, row: Row, trial: Trial, reference: Reference, has_one_shape: bool) -> None:
         errors = errors_of(trial, reference.trial, self._leaf.length)
-        row.vertices = trial.vertices
+        row.mesh_vertices = trial.vertices
         row.seconds = trial.seconds
         row.seconds_per_second = trial.seconds / film_seconds(self._film)
         for name in ("start_seconds", "fluid_seconds", "motion_seconds", "fluid_steps", "motion_substeps"):
@@ -405,6 +402,7 @@ class _Study:
         own: dict[str, float],
         nudged: float | None,
         has_one_shape: bool,
+        is_converged: bool,
         summary: list[str],
     ) -> dict[str, Any]:
         import warp as wp
@@ -430,12 +428,12 @@ class _Study:
                 "in_words": reference.setting.in_words(self._base),
                 "seconds": reference.trial.seconds,
                 "own_errors": own,
-                "converged": reference.is_converged,
+                "converged": is_converged,
                 "one_shape": has_one_shape,
                 "moved_by_camber": nudged,
                 "refinements": [refinement.as_dict() for refinement in reference.refinements],
             },
-            "settings": [asdict(row) for row in self.rows],
+            "settings": [row.as_dict() for row in self.rows],
         }
 
 

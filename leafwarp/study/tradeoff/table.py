@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import csv
 import io
-from collections.abc import Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 from pathlib import Path
+from typing import Any
 
 from leafwarp.errors import OutputError
 from leafwarp.files import write_text
@@ -18,21 +19,12 @@ class Row:
     """A setting and what it cost and gained. Absent (None) where it was not computed, or this scene has no such thing.
 
     Attributes:
+        setting: What was chosen.
         name: "scene" for the scene as written, the name of a preset, "reference", or empty.
         varied: How it departs from the scene as written.
         status: "done", "skipped: budget", "stopped: budget" or "failed: REASON".
-        map_width: Cells of the map.
-        map_height: Cells of the map.
-        fluid_step: [s] of plant time.
-        scheme: "split" or "unsplit".
-        vertices: Of the mesh; those aimed at, where it was not computed.
-        angular_springs: Whether the leaf resists bending and curls.
-        motion: "explicit", "implicit" or "quasistatic".
-        coupling_interval: [s] of plant time; absent: as the frames ask.
-        substep: Substep over the stable one.
-        force_tolerance: Force left on a vertex.
-        precision: "float32" or "float64".
         predicted_seconds: Wall time expected of it from start to end [s].
+        mesh_vertices: Vertices that the mesh came to have.
         seconds: Wall time of the film [s].
         seconds_per_second: The same for each second of playback.
         start_seconds: Wall time before the first frame [s].
@@ -54,21 +46,12 @@ class Row:
         shape_over_time: Shape error of each sampled frame (JSON only).
     """
 
+    setting: Setting
     name: str
     varied: str
     status: str
-    map_width: int | None
-    map_height: int | None
-    fluid_step: float | None
-    scheme: str | None
-    vertices: int
-    angular_springs: bool
-    motion: str
-    coupling_interval: float | None
-    substep: float | None
-    force_tolerance: float | None
-    precision: str
     predicted_seconds: float
+    mesh_vertices: int | None = None
     seconds: float | None = None
     seconds_per_second: float | None = None
     start_seconds: float | None = None
@@ -89,15 +72,21 @@ class Row:
     water_over_time: list[float] | None = None
     shape_over_time: list[float] | None = None
 
-    @classmethod
-    def of(cls, setting: Setting, name: str, varied: str, predicted_seconds: float) -> Row:
-        """A row that is not filled in yet."""
-        choices = setting.as_dict()
+    def as_dict(self) -> dict[str, Any]:
+        """Plain data without any nesting: the choices stand beside the rest, the map's width and height apart."""
+        data = {field.name: getattr(self, field.name) for field in fields(self) if field.name != "setting"}
+        choices = self.setting.as_dict()
         width, height = choices.pop("map_size") or (None, None)
-        return cls(
-            name=name, varied=varied, status="done", map_width=width, map_height=height,
-            predicted_seconds=predicted_seconds, **choices,
-        )  # fmt: skip
+        head = {name: data.pop(name) for name in ("name", "varied", "status")}
+        return {**head, "map_width": width, "map_height": height, **choices, **data}
+
+    @classmethod
+    def from_dict(cls, data: Mapping[str, Any]) -> Row:
+        """The row that :meth:`as_dict` gave."""
+        size = None if data["map_width"] is None else (data["map_width"], data["map_height"])
+        choices = {field.name: data[field.name] for field in fields(Setting) if field.name != "map_size"}
+        own = {field.name: data[field.name] for field in fields(cls) if field.name != "setting"}
+        return cls(Setting(map_size=size, **choices), **own)
 
     @property
     def measured(self) -> bool:
@@ -106,7 +95,13 @@ class Row:
 
 
 OVER_TIME = ("water_over_time", "shape_over_time")
-COLUMNS = tuple(field.name for field in fields(Row) if field.name not in OVER_TIME)
+SETTING_COLUMNS = (
+    "map_width", "map_height", *(field.name for field in fields(Setting) if field.name != "map_size"),
+)  # fmt: skip
+COLUMNS = (
+    "name", "varied", "status", *SETTING_COLUMNS,
+    *(field.name for field in fields(Row)[4:] if field.name not in OVER_TIME),
+)  # fmt: skip
 
 
 def _csv_lines(rows: Sequence[Row], header: bool) -> str:
@@ -115,7 +110,7 @@ def _csv_lines(rows: Sequence[Row], header: bool) -> str:
     if header:
         writer.writeheader()
     for row in rows:
-        data = asdict(row)
+        data = row.as_dict()
         writer.writerow({name: _cell(data[name]) for name in COLUMNS})
     return text.getvalue()
 
