@@ -174,7 +174,7 @@ def test_a_mesh_that_is_degenerate_at_rest_is_refused(how, corners, triangles, b
 
 @pytest.mark.parametrize("method", ["implicit", "quasistatic"])
 @pytest.mark.parametrize("start", ["edge without length", "all in a point", "folded flat", "folded through"])
-def test_degenerate_starts_unfold_or_are_refused(method, start, device):
+def test_degenerate_starts_unfold(method, start, device):
     folded = start.startswith("folded")
     leaf = two_triangles() if folded else strip(columns=4)
     structure = {"membrane_stiffness": 5.0, "bending_stiffness": 1e-7}
@@ -186,7 +186,13 @@ def test_degenerate_starts_unfold_or_are_refused(method, start, device):
         first, second = leaf.mesh.edges[5]
         position[slice(None) if start == "all in a point" else first] = position[second]
     rig.put(position=position)
-    moves_or_is_refused(rig, motion)
+    assert moves_or_is_refused(rig, motion, frames=12)
+    if start == "all in a point":
+        # No edge points anywhere: nothing says which way to unfold.
+        np.testing.assert_array_equal(rig.get("position"), position)
+        return
+    np.testing.assert_allclose(stretches(rig), 1.0, atol=1e-3)
+    np.testing.assert_allclose(rig.get("hinge_angle"), 0.0, atol=1e-2)
 
 
 @pytest.mark.parametrize("method", ["implicit", "quasistatic"])
