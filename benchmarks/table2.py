@@ -44,7 +44,7 @@ def step_parts(scene: Scene, device: str) -> dict[str, Callable[[], int]]:
     def fluid() -> int:
         fluid = simulation.fluid
         if fluid.steps_done + FLUID_STEPS > fluid.steps.count:
-            fluid.steps_done = 0  # the scene's time is over
+            fluid.restart()  # the scene's time is over
         count = fluid.advance((fluid.steps_done + FLUID_STEPS) * fluid.steps.length)
         wp.synchronize_device(device)
         return count

@@ -56,6 +56,7 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
         "substeps_per_frame": substeps,
         "substep_seconds": 1.0 / (scene.time.fps * substeps),
         "motion": scene.motion.method,
+        "steps_adapt": simulation.fluid is not None and scene.fluid.step_tolerance is not None,
         "path_equilibria": len(simulation.path_times),
         "only_explicit": scene.leaves is not None or scene.structure.bending == "paper",
         "warnings": list(scene.warnings),
@@ -103,7 +104,8 @@ def print_plan(report: dict[str, Any]) -> None:
     )
     cells = f"map of {report['map'][0]} x {report['map'][1]} cells, " if report["map"] else "no maps, "
     print(
-        f"{cells}{report['fluid_steps']} fluid steps, {report['substeps_per_frame']} motion substeps of "
+        f"{cells}{report['fluid_steps']} fluid steps{' or more, as they adapt' if report['steps_adapt'] else ''}, "
+        f"{report['substeps_per_frame']} motion substeps of "
         f"{report['substep_seconds']:.3g} s in the first frame, {report['precision']} on {report['device']}, "
         f"{report['bytes'] / 1e6:.2f} MB of arrays"
         + (f", {report['host_bytes'] / 1e6:.2f} MB beside them" if report["host_bytes"] else "")

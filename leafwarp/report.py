@@ -129,7 +129,9 @@ def _fluid_report(simulation: Simulation) -> dict[str, Any]:
     report = {
         "steps": fluid.steps_done,
         "steps_skipped": fluid.steps_skipped,
+        "steps_repeated": fluid.steps_repeated,
         "step_seconds": fluid.steps.length,
+        "shortest_step_seconds": fluid.shortest_step,
         "ledger": {**asdict(ledger), "error": ledger.error},
     }
     iterative, factored = simulation.stage("unsplit_diffusion"), simulation.stage("factored_diffusion")

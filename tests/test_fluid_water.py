@@ -90,10 +90,10 @@ def test_steps_fill_the_duration_and_are_no_longer_than_asked() -> None:
     steps = FluidSteps.of(make_scene({"fluid": {"step": 7.0}, "time": {"duration": 100.0, "frames": 2}}))
     assert (steps.count, steps.length) == (15, pytest.approx(100.0 / 15))
     assert steps.interval(14).end == pytest.approx(100.0)
-    assert steps.locate(0.0) == (0, 1.0)
-    assert steps.locate(steps.length) == (1, 1.0)
-    assert steps.locate(1.25 * steps.length) == (2, pytest.approx(0.25))
-    assert steps.locate(1e9) == (15, 1.0)
+    assert steps.passed(0.0) == 0.0
+    assert steps.passed(steps.length * (1.0 + 1e-12)) == 1.0
+    assert steps.passed(1.25 * steps.length) == pytest.approx(1.25)
+    assert steps.passed(1e9) == 15.0
     assert FluidSteps.of(make_scene({"fluid": {"step": 1e9}, "time": {"duration": 100.0, "frames": 2}})).count == 1
 
 

@@ -164,7 +164,7 @@ def run_both(scene, leaf, device, monkeypatch) -> tuple[Simulation, list, Simula
     resting = Simulation(scene, leaf, device)
     frames = list(resting.frames())
     with monkeypatch.context() as patch:
-        patch.setattr(Fluid, "_try_rest", lambda fluid, frame: None)
+        patch.setattr(Fluid, "_try_rest", lambda fluid, frame, passed: None)
         patch.setattr(ShapeRest, "look", lambda shape, frame, points: False)
         awake = Simulation(scene, leaf, device)
         if isinstance(awake.motion, Quasistatic):

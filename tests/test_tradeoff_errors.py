@@ -16,7 +16,7 @@ from leafwarp.study.tradeoff.table import Row
 from leafwarp.study.tradeoff.trial import Trial
 from meshes import strip
 
-BASE = Setting((256, 256), 60.0, "split", 1000, True, "explicit", None, 0.9, None, "float32")
+BASE = Setting((256, 256), 60.0, "split", 1, None, 1000, True, "explicit", None, 0.9, None, "float32")
 
 
 def trial(points: np.ndarray, water: np.ndarray) -> Trial:

@@ -114,6 +114,11 @@ class Scene(Table):
             for table in ("stomata", "transpiration", "source"):
                 if getattr(self, table) is not None:
                     raise ValueError(f"[{table}] needs [fluid]: with [water] the water is prescribed")
+        if self.fluid is not None and self.fluid.step_tolerance is not None and self.keeps_a_set:
+            raise ValueError(
+                f"fluid.step_tolerance = {self.fluid.step_tolerance:g}: accepted without plastic_set, which looks at "
+                "the water after every step and so needs to know them beforehand"
+            )
         if self.shrinks:
             lost = max(1.0, self.shrink.along_veins) * max(value for _, value in self.shrink.curve)
             if lost > MOST_SHRINK * (1.0 + 1e-12):  # along_veins is a quotient, of [material]

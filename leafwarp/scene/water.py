@@ -36,6 +36,17 @@ class FluidTable(Table):
         description="split: rows, then columns, line by line (the paper). unsplit: both at once, without the "
         "splitting error.",
     )
+    order: Literal[1, 2] = Field(
+        1,
+        description="2: every step is also taken in two halves, and its error of first order extrapolated away. Costs "
+        "three steps; pays where the step's own error is what counts.",
+    )
+    step_tolerance: Annotated[Number, Bounds(1e-7, 1.0, above=True)] | None = Field(
+        None,
+        description="Error that a fluid step may have, relative to the water, as its two halves tell. 'step' is then "
+        "the longest one: steps are halved where the water changes faster than that allows, and doubled again where it "
+        "does not. Needs order = 2. Default: all steps alike.",
+    )
     solver: Literal["factor", "conjugate_gradients"] | None = Field(
         None,
         description="How the unsplit scheme solves a step. conjugate_gradients: preconditioned with multigrid, all on "
@@ -55,6 +66,15 @@ class FluidTable(Table):
         lt=1.0,
         description="Error of an unsplit step that is accepted, relative to the contents (float64: its square).",
     )
+
+    @model_validator(mode="after")
+    def _error_is_known(self) -> FluidTable:
+        if self.step_tolerance is not None and self.order != 2:
+            raise ValueError(
+                f"step_tolerance = {self.step_tolerance:g} needs order = 2, which tells the error of a step; order is "
+                f"{self.order}"
+            )
+        return self
 
 
 class WaterTable(Table):

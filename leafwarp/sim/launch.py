@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import weakref
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -225,6 +225,62 @@ class State:
             if argument.ptr is not None and memory.ptr is not None and 0 <= argument.ptr - memory.ptr < memory.capacity:
                 return name
         return None
+
+
+class PartOfState:
+    """A state within a state: its arrays have names of their own, and all else is shared.
+
+    A stage bound to it cannot tell it from a state.
+
+    Args:
+        state: The state.
+        prefix: What names of arrays begin with in the state, and not in this part.
+    """
+
+    def __init__(self, state: State, prefix: str):
+        self._state = state
+        self._prefix = prefix
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._state, name)
+
+    def __getitem__(self, name: str) -> wp.array:
+        return self._state[self._prefix + name]
+
+    def __contains__(self, name: str) -> bool:
+        return self._prefix + name in self._state
+
+    @property
+    def launch_count(self) -> int:
+        """Of the whole state."""
+        return self._state.launch_count
+
+    @launch_count.setter
+    def launch_count(self, count: int) -> None:
+        self._state.launch_count = count
+
+    def add(self, spec: ArraySpec) -> None:
+        """Like :meth:`State.add`."""
+        self._state.add(replace(spec, name=self._prefix + spec.name))
+
+    def whole(self, name: str) -> wp.array:
+        """Like :meth:`State.whole`."""
+        return self._state.whole(self._prefix + name)
+
+    def lanes(self, name: str, displaced: int = 0) -> wp.array:
+        """Like :meth:`State.lanes`."""
+        return self._state.lanes(self._prefix + name, displaced)
+
+    def upload(self, name: str, values: np.ndarray) -> None:
+        """Like :meth:`State.upload`."""
+        self._state.upload(self._prefix + name, values)
+
+    def record(
+        self, kernel: wp.Kernel, dim: int | Sequence[int], inputs: Sequence[Any], outputs: Sequence[Any]
+    ) -> Command:
+        """Like :meth:`State.record`."""
+        own = [[self[a] if isinstance(a, str) else a for a in arguments] for arguments in (inputs, outputs)]
+        return self._state.record(kernel, dim, *own)
 
 
 @dataclass

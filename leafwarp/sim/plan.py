@@ -82,7 +82,15 @@ _FORCES, _OUTPUT = "leafwarp.sim.forces", "leafwarp.sim.output"
 _IMPLICIT = "leafwarp.sim.implicit.stages"
 _PRESCRIBED = "water is prescribed by [water]"
 
+
+def _one_order(scene: Scene, leaf: Leaf) -> str | None:
+    if scene.fluid is None:
+        return _PRESCRIBED
+    return None if scene.fluid.order == 2 else "fluid.order is 1"
+
+
 CANDIDATES: tuple[_Candidate, ...] = (
+    _Candidate("fluid", "half_steps", f"{_FLUID}:HalfSteps", _one_order),
     _Candidate("fluid", "transpiration", f"{_FLUID}:Transpiration",
                _needs(lambda s: s.transpiration and s.transpiration.rate > 0.0, "nothing transpires")),
     _Candidate("fluid", "source", f"{_FLUID}:Source",
@@ -91,6 +99,7 @@ CANDIDATES: tuple[_Candidate, ...] = (
     _Candidate("fluid", "factored_diffusion", f"{_FLUID}:FactoredDiffusion", _diffusion_left_out("unsplit", "factor")),
     _Candidate("fluid", "unsplit_diffusion", f"{_FLUID}:UnsplitDiffusion",
                _diffusion_left_out("unsplit", "conjugate_gradients")),
+    _Candidate("fluid", "extrapolation", f"{_FLUID}:Extrapolation", _one_order),
     _Candidate("fluid", "water", f"{_FLUID}:Water", _needs(lambda s: s.fluid, _PRESCRIBED)),
     _Candidate("coupling", "stencils", f"{_COUPLING}:Stencils",
                _needs(_samples_maps, "no map is sampled: water is prescribed and veins are not told apart")),

@@ -229,11 +229,9 @@ class Simulation:
             return []
         if self.fluid is None:
             return [time for time, _ in self.scene.water.curve if interval.start < time < interval.end]
-        first, share_of_first = self.fluid.steps.locate(interval.start)
-        last, _ = self.fluid.steps.locate(interval.end)
-        if share_of_first == 1.0:
-            first += 1
-        return [self.fluid.steps.interval(index).start for index in range(first, last)]
+        steps = self.fluid.steps
+        first, last = math.floor(steps.passed(interval.start)) + 1, math.ceil(steps.passed(interval.end))
+        return [steps.interval(index).start for index in range(first, last)]
 
     def settle(self) -> None:
         """Let the leaf come to rest under its load, where the scene asks for it or every frame is an equilibrium."""

@@ -78,6 +78,9 @@ class Stage:
     def bind(self, state: State) -> None:
         """Fill the stage's own arrays and record its launches."""
 
+    def set_time_step(self, seconds: float) -> None:
+        """Take fluid steps of another length [s] from now on, where it is a fluid stage; once it is bound."""
+
     def set_parts(self, parts: list[list[Command]]) -> None:
         """Take launches by groups of leaves."""
         self.parts = parts

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from leafwarp.sim.fluid.controller import Fluid, WaterLedger
     from leafwarp.sim.fluid.factored import FactoredDiffusion
+    from leafwarp.sim.fluid.second_order import Extrapolation, HalfSteps
     from leafwarp.sim.fluid.source import Source
     from leafwarp.sim.fluid.split import SplitDiffusion
     from leafwarp.sim.fluid.steps import FluidSteps
@@ -19,9 +20,11 @@ if TYPE_CHECKING:
     from leafwarp.sim.fluid.water import Water
 
 _PLACES = {
+    "Extrapolation": "second_order",
     "FactoredDiffusion": "factored",
     "Fluid": "controller",
     "FluidSteps": "steps",
+    "HalfSteps": "second_order",
     "Source": "source",
     "SplitDiffusion": "split",
     "Transpiration": "transpiration",
@@ -31,9 +34,11 @@ _PLACES = {
 }
 
 __all__ = [
+    "Extrapolation",
     "FactoredDiffusion",
     "Fluid",
     "FluidSteps",
+    "HalfSteps",
     "Source",
     "SplitDiffusion",
     "Transpiration",

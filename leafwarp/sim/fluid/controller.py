@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -11,14 +12,21 @@ import warp as wp
 from leafwarp.errors import SimulationError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
-from leafwarp.sim.fluid.steps import FluidSteps, NotConverged
+from leafwarp.sim.fluid.steps import HALF_STEP, FluidSteps, NotConverged
 from leafwarp.sim.fluid.water import Water
 from leafwarp.sim.launch import Command, State
 from leafwarp.sim.stage import Stage
 from leafwarp.stopwatch import Stopwatch
 
 # Arrays that count what has left and entered.
-ACCOUNTS = ("transpired", "added_by_source_x", "added_by_source_y")
+LOSSES = {"transpired": 1.0, "held_at_zero": -1.0}
+GAINS = {"added_by_source_x": 1.0, "added_by_source_y": 1.0, "held_at_most": -1.0}
+# Where steps adapt, the shortest one over the longest; it is taken whatever its error.
+SHORTEST = 2.0**-12
+# The share of the allowed error below which the next step may be twice as long; its error is four times as large.
+EASY_SHARE = 0.2
+# Error that rounding may show, in units of the last place.
+ROUNDING = 16.0
 # One step in so many runs stage by stage, which tells how the time of the others is shared out.
 STEPS_PER_TIMING = 64
 
@@ -51,6 +59,10 @@ class Fluid:
     The steps are a division of the scene's duration that knows nothing of the frames, so that any number of
     frames sees the same history; a frame between two steps sees their linear blend in ``water_now``.
 
+    Where the scene has a tolerance for them, a step is halved for as long as its error, which its two halves tell, is
+    more than that; what it has done is undone before it is tried again. Where the error allows it, the next step is
+    twice as long. Steps of any length begin where all would, were they so long.
+
     Once a step has changed no bit of any array, nor will the next one, until the source is cut or rewatered: they are
     skipped, and the accounts go on by what the last step has added to them. Whether a step has changed the water is
     seen while it is blended, and looked at once a frame (:meth:`check`).
@@ -63,15 +75,18 @@ class Fluid:
         watch: Where the time of each stage is counted; None for nowhere.
 
     Attributes:
-        steps: The steps.
-        steps_done: How many of them are behind; those skipped included.
+        steps: The steps; where they adapt, the longest.
+        steps_done: How many steps are behind; those skipped included.
         steps_skipped: How many of them were skipped.
+        steps_repeated: How often a step was too long and taken again, shorter.
+        shortest_step: Of those that are behind [s].
         is_at_rest: Whether the water is the same as at the look before.
     """
 
     def __init__(self, scene: Scene, leaf: Leaf, state: State, stages: Sequence[Stage], watch: Stopwatch | None = None):
         self.steps = FluidSteps.of(scene)
-        self.steps_done = self.steps_skipped = 0
+        self.steps_done = self.steps_skipped = self.steps_repeated = 0
+        self.shortest_step = self.steps.length
         self.is_at_rest = False
         self._state = state
         self._watch = watch or Stopwatch()
@@ -83,6 +98,14 @@ class Fluid:
         self._events = _source_events(scene)
         self._last_checked = 0
         self._is_kept = self._may_rest = self._is_resting = False
+        # In longest steps, of which all parts are powers of two: no sum of them is rounded.
+        self._position, self._span, self._last_span = 0.0, 1.0, 1.0
+        tolerance = scene.fluid.step_tolerance
+        self._error_allowed = tolerance
+        # What solvers and rounding leave, shorter steps would not change.
+        self._error_left = ROUNDING * float(np.finfo(state.precision).eps)
+        if scene.water_flows and scene.fluid.scheme == "unsplit":
+            self._error_left += 2.0 * scene.residual_tolerance
 
     def advance(self, plant_time: float, frame: int = 0) -> int:
         """Run the whole steps that plant time needs, and set ``water_now`` to that moment.
@@ -92,53 +115,97 @@ class Fluid:
             frame: Number of the frame, for the message of an error.
 
         Returns:
-            Number of fluid steps run.
+            Number of fluid steps, skipped ones included.
 
         Raises:
             SimulationError: A stage failed.
         """
-        begun, share = self.steps.locate(plant_time)
-        count = max(0, begun - self.steps_done)
-        was_resting = self._is_resting
-        if count > 0 and self._may_rest and not self._is_resting:
-            self._try_rest(frame)
+        passed = self.steps.passed(plant_time)
+        was_resting, before = self._is_resting, self.steps_done
+        if passed > self._position and self._may_rest and not self._is_resting and self._span == 1.0:
+            self._try_rest(frame, passed)
         if self._is_resting:
-            self._skip(begun)
+            self._skip(passed)
         self.is_at_rest = was_resting and self._is_resting
-        for index in range(self.steps_done, begun):
-            # Once a frame is enough to see whether the last step still changes anything.
-            if index == begun - 1 and (share < 1.0 or not self._is_kept):
-                self._water.keep()
-                self._is_kept = True
-            self._step(index, frame)
+        while self._position < passed:
+            self._step(frame, passed)
         with self._watch(self._water.name):
-            self._water.blend(share)
-        return count
+            self._water.blend((passed - (self._position - self._last_span)) / self._last_span)
+        return self.steps_done - before
 
-    def _step(self, index: int, frame: int) -> None:
-        """Run a step: as one captured graph, or stage by stage where the host takes part or the stages are timed."""
-        interval = self.steps.interval(index)
-        stages = [] if index % STEPS_PER_TIMING == 0 else [stage.launches_of(interval) for stage in self._stages]
-        if stages and None not in stages:
-            self._replay([command for commands in stages for command in commands])
+    def _step(self, frame: int, passed: float) -> None:
+        """Take a step on the way to a moment; where steps adapt, one whose error is allowed."""
+        next_span = self._span
+        if self._error_allowed is None:
+            # Once a frame is enough to see whether the last step still changes anything.
+            end = self._position + self._span
+            if end >= passed and (end > passed or not self._is_kept):
+                self._keep()
+            self._run(frame)
         else:
-            for stage in self._stages:
-                try:
-                    with self._watch(stage.name):
-                        stage.run(interval)
-                except NotConverged as error:
-                    # Where a solver is given what is no water, it is not to blame.
-                    raise SimulationError(frame, stage.name, self._water.fault("water") or str(error)) from None
-        self.steps_done = index + 1
+            self._keep()
+            accounts = {name: wp.clone(self._state.whole(name)) for name in self._accounts()}
+            self._run(frame)
+            while self._share_of_error() > 1.0 and self._span > SHORTEST:
+                self.steps_repeated += 1
+                for name, before in {"water": self._state.whole("water_before"), **accounts}.items():
+                    wp.copy(self._state.whole(name), before)
+                self._take_spans_of(0.5 * self._span)
+                self._run(frame)
+            next_span = min(1.0, 2.0 * self._span) if self._share_of_error() <= EASY_SHARE else self._span
+        self.shortest_step = min(self.shortest_step, self._span * self.steps.length)
+        self._position += self._span
+        self._last_span = self._span
+        self.steps_done += 1
+        # A longer step begins where one of its length would.
+        if self._position % next_span == 0.0:
+            self._take_spans_of(next_span)
 
-    def _try_rest(self, frame: int) -> None:
-        """Run the next step, and see whether it has left all as it was but the accounts, and how these grow."""
+    def _keep(self) -> None:
         self._water.keep()
         self._is_kept = True
+
+    def _accounts(self) -> list[str]:
+        return [name for name in (*LOSSES, *GAINS) if name in self._state]
+
+    def _share_of_error(self) -> float:
+        """Error of the step just taken over what it is allowed."""
+        from leafwarp.sim.fluid.second_order import step_error
+
+        error = max(0.0, step_error(self._state) - self._error_left)
+        return error / self._error_allowed
+
+    def _take_spans_of(self, span: float) -> None:
+        """Take steps of another length from now on."""
+        if span == self._span:
+            return
+        self._span = span
+        for stage in self._stages:
+            stage.set_time_step(span * self.steps.length)
+
+    def _run(self, frame: int) -> None:
+        """Run a step: as one captured graph, or stage by stage where the host takes part or the stages are timed."""
+        interval = self.steps.interval(self._position, self._span)
+        is_timed = self.steps_done % STEPS_PER_TIMING == 0
+        stages = [] if is_timed else [stage.launches_of(interval) for stage in self._stages]
+        if stages and None not in stages:
+            self._replay([command for commands in stages for command in commands])
+            return
+        for stage in self._stages:
+            try:
+                with self._watch(stage.name):
+                    stage.run(interval)
+            except NotConverged as error:
+                # Where a solver is given what is no water, it is not to blame.
+                raise SimulationError(frame, stage.name, self._water.fault("water") or str(error)) from None
+
+    def _try_rest(self, frame: int, passed: float) -> None:
+        """Take the next step, and see whether it has left all as it was but the accounts, and how these grow."""
+        self._is_kept = False
         before = {name: self._state.whole(name).numpy().copy() for name in self._names()}
-        self._step(self.steps_done, frame)
+        self._step(frame, passed)
         after = {name: self._state.whole(name).numpy() for name in before}
-        accounts = [name for name in before if name in ACCOUNTS]
+        accounts = [name for name in before if _is_account(name)]
         self._growth = {name: after[name] - before[name] for name in accounts}
         self._is_resting = all(
             np.array_equal(after[name].view(np.uint8), values.view(np.uint8))
@@ -150,13 +217,15 @@ class Fluid:
         """The arrays that a step may change."""
         return ["water", *(spec.name for stage in self._stages for spec in stage.arrays)]
 
-    def _skip(self, begun: int) -> None:
-        """Pass over steps up to this one, or to the next that is another; then the rest is over."""
-        event = min((index for index in self._events if index >= self.steps_done), default=begun)
-        count = max(0, min(begun, event) - self.steps_done)
+    def _skip(self, passed: float) -> None:
+        """Pass over steps up to a moment, or to the next that is another; then the rest is over."""
+        begun = float(math.ceil(passed))
+        event = min((float(index) for index in self._events if index >= self._position), default=begun)
+        count = max(0, int(min(begun, event) - self._position))
         for name, growth in self._growth.items():
             if count > 0 and growth.any():
                 self._state.upload(name, self._state[name].numpy() + count * growth)
+        self._position += count
         self.steps_done += count
         self.steps_skipped += count
         if event < begun:
@@ -165,6 +234,10 @@ class Fluid:
     def wake(self) -> None:
         """Compute the next steps whatever the last ones did: something else has changed the arrays."""
         self.is_at_rest = self._is_resting = self._may_rest = False
+
+    def restart(self) -> None:
+        """Begin the plant time anew, with the water as it is."""
+        self._position, self.steps_done = 0.0, 0
 
     def check(self, frame: int) -> None:
         """See whether the water of the last look is sound, by what its kernel has seen; waits for the device.
@@ -207,17 +280,22 @@ class Fluid:
         """The account of the water up to the last fluid step."""
         return WaterLedger(
             self._start,
-            self._total(*(name for name in ACCOUNTS if name != "transpired")),
-            self._total("transpired"),
+            self._total(GAINS),
+            self._total(LOSSES),
             self._content(),
         )
 
-    def _total(self, *names: str) -> float:
-        total = sum(float(self._state[name].numpy().sum()) for name in names if name in self._state)
-        return total / self._cell_count
+    def _total(self, accounts: dict[str, float]) -> float:
+        """Sum of what some accounts hold, each with its sign."""
+        kept = {name: sign for name, sign in accounts.items() if name in self._state}
+        return sum(sign * float(self._state[name].numpy().sum()) for name, sign in kept.items()) / self._cell_count
 
     def _content(self) -> float:
         return float(self._state["water"].numpy().sum(dtype=np.float64)) / self._cell_count
+
+
+def _is_account(name: str) -> bool:
+    return name.removeprefix(HALF_STEP) in (*LOSSES, *GAINS)
 
 
 def _source_events(scene: Scene) -> tuple[int, ...]:

@@ -71,9 +71,9 @@ class ExchangeSystem:
         self._factor = None
 
     @classmethod
-    def of(cls, scene: Scene, leaf: Leaf) -> ExchangeSystem:
-        """The system of a scene's fluid step, without its source."""
-        time_step = FluidSteps.of(scene).length
+    def of(cls, scene: Scene, leaf: Leaf, time_step: float | None = None) -> ExchangeSystem:
+        """The system of a scene's fluid step, or of one of another length [s], without its source."""
+        time_step = time_step or FluidSteps.of(scene).length
         return cls(leaf_conductance(scene, leaf, time_step), leaf.mask, time_step)
 
     def on_cells(self, values: np.ndarray) -> np.ndarray:

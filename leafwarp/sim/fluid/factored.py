@@ -48,6 +48,11 @@ class FactoredDiffusion(Stage):
         if self._supply is not None:
             self.commands = list(self._supply.record(self, state, "x"))
 
+    def set_time_step(self, seconds: float) -> None:
+        self.system = ExchangeSystem.of(self.scene, self.leaf, seconds)
+        if self._supply is not None:
+            self._supply.opening.set_time_step(seconds)
+
     def launches_of(self, interval: Interval | None = None) -> None:
         return None
 

@@ -110,6 +110,10 @@ class LineSolves:
             stage.add_array(state, ArraySpec("swept", shape, "real", "contents between the two sweeps along rows"))
         self.eliminate()
 
+    def set_time_step(self, seconds: float) -> None:
+        """Take steps of another length [s]; the weights are those of the last one until :meth:`eliminate`."""
+        self._elimination[0].launch.set_param_by_name("time_step", seconds)
+
     def eliminate(self) -> None:
         """Make the weights of the sweeps anew, after the excess of the diagonal has changed."""
         for command in self._elimination:

@@ -72,6 +72,10 @@ class Opening:
         self._cut = math.inf if scene.source.cut_at is None else scene.source.cut_at
         self._rewatered = math.inf if scene.source.rewatered_at is None else scene.source.rewatered_at
 
+    def set_time_step(self, seconds: float) -> None:
+        """Take steps of another length [s] from now on; the next one counts as changed."""
+        self._step, self.seconds = seconds, math.nan
+
     def update(self, interval: Interval) -> bool:
         """Go to a step.
 
@@ -196,6 +200,11 @@ class Source(Stage):
         self._open = state.record(open_source, len(cells), ["source_cell", "source_rate", 0.0], ["source_exchange"])
         if self._supply is not None:
             self.commands = list(self._supply.record(self, state, "x"))
+
+    def set_time_step(self, seconds: float) -> None:
+        self._opening.set_time_step(seconds)
+        if self._supply is not None:
+            self._supply.opening.set_time_step(seconds)
 
     def launches_of(self, interval: Interval | None = None) -> list[Command]:
         if self._opening.update(interval):

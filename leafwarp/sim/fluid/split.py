@@ -47,6 +47,13 @@ class SplitDiffusion(Stage):
                 fill, count = self._supply.record(self, state, direction)
                 self.commands += [fill, *solve, count]
 
+    def set_time_step(self, seconds: float) -> None:
+        for solve in self._solves.values():
+            solve.set_time_step(seconds)
+            solve.eliminate()
+        if self._supply is not None:
+            self._supply.opening.set_time_step(seconds)
+
     def launches_of(self, interval: Interval | None = None) -> list[Command]:
         if self._supply is None:
             return self.commands

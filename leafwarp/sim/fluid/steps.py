@@ -12,6 +12,8 @@ from leafwarp.sim.stage import Interval
 MAXIMUM_COUNT = 10_000_000
 # A moment this close to the end of a step, in steps, is the end.
 SNAP = 1e-8
+# What names of arrays begin with that belong to half steps.
+HALF_STEP = "half_step_"
 
 
 @dataclass(frozen=True)
@@ -43,25 +45,24 @@ class FluidSteps:
         count = max(1, math.ceil(ratio * (1.0 - SNAP)))
         return cls(count, duration / count)
 
-    def interval(self, index: int) -> Interval:
-        """The span of plant time of a step, counted from 0."""
-        return Interval(index * self.length, (index + 1) * self.length)
+    def interval(self, position: float, span: float = 1.0) -> Interval:
+        """The span of plant time of a step, or of a part of one.
 
-    def locate(self, plant_time: float) -> tuple[int, float]:
-        """How many steps a moment needs, and the share of the last one that has passed.
+        Args:
+            position: Where it begins, in steps.
+            span: Its length, in steps.
+        """
+        return Interval(position * self.length, (position + span) * self.length)
+
+    def passed(self, plant_time: float) -> float:
+        """How many steps have passed at a moment, parts of one included; a whole number at the end of a step.
 
         Args:
             plant_time: [s]; held to the scene's duration.
-
-        Returns:
-            Number of steps begun and a share in (0, 1], exactly 1 at the end of a step and at the start.
         """
         passed = min(max(plant_time / self.length, 0.0), float(self.count))
         whole = round(passed)
-        if abs(passed - whole) <= SNAP:
-            return whole, 1.0
-        begun = math.ceil(passed)
-        return begun, passed - (begun - 1)
+        return float(whole) if abs(passed - whole) <= SNAP else passed
 
 
 class NotConverged(Exception):

@@ -67,6 +67,11 @@ class Transpiration(Stage):
             state.upload("stomatal_rate", np.minimum(rate, MAXIMUM_RATE))
         self.commands = [self._record(state)]
 
+        self._real = state.real
+
+    def set_time_step(self, seconds: float) -> None:
+        self.commands[0].launch.set_param_by_name("time_step", self._real(seconds))
+
     def _record(self, state: State) -> Command:
         mask, cuticle = self.leaf.mask, min(self.scene.transpiration.cuticle_rate, MAXIMUM_RATE)
         cells, segments = thread_segments(mask.shape[1], state)

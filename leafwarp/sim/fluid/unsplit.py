@@ -141,12 +141,10 @@ class UnsplitDiffusion(Stage):
 
     def bind(self, state: State) -> None:
         self._state = state
-        time_step = FluidSteps.of(self.scene).length
         mask = self.leaf.mask
-        conductance = leaf_conductance(self.scene, self.leaf, time_step)
-        system = System(mask.astype(np.float64), conductance.x * time_step, conductance.y * time_step)
-        self._cycle.upload_faces(state, system)
-        self._cycle.upload_mass(state)
+        self._time_step = FluidSteps.of(self.scene).length
+        self._conductance = leaf_conductance(self.scene, self.leaf, self._time_step)
+        system = self._upload_system()
         length, segments = thread_blocks(state.lanes("water").shape[1], state)
         self._dim = (segments, mask.shape[0])
         self._threads = ["level_0_span", length]
@@ -160,6 +158,25 @@ class UnsplitDiffusion(Stage):
         self._graphs: dict[int, wp.Graph] = {}
         self._is_begun = False
         self._forget()
+
+    def _upload_system(self) -> System:
+        """Fill what depends on the length of the step, without a source."""
+        beta_x, beta_y = (self._time_step * faces for faces in (self._conductance.x, self._conductance.y))
+        system = System(self.leaf.mask.astype(np.float64), beta_x, beta_y)
+        self._cycle.upload_faces(self._state, system)
+        self._cycle.upload_mass(self._state)
+        return system
+
+    def set_time_step(self, seconds: float) -> None:
+        self._time_step = seconds
+        self._is_begun = False
+        if self._supply is not None:
+            self._supply.opening.set_time_step(seconds)
+        if self.system is not None:
+            self._take_factor()
+            return
+        self._forget()
+        self._upload_system()
 
     def _record_step(self, state: State, coupled_count: float) -> None:
         dim, threads, record, lanes = self._dim, self._threads, state.record, state.lanes
@@ -313,7 +330,7 @@ class UnsplitDiffusion(Stage):
         """Solve this step and all after it by the factor."""
         from leafwarp.sim.fluid.exchange import ExchangeSystem
 
-        self.system = ExchangeSystem.of(self.scene, self.leaf)
+        self.system = ExchangeSystem.of(self.scene, self.leaf, self._time_step)
         self._factorise()
         # Where they have run over, they have left no numbers beside the map either, nor sums.
         self._zero("change", "rounding", "residual", "sum")

@@ -19,6 +19,14 @@ ROUNDING = 1000.0
 ACCOUNTS = ("transpired", "added_by_source_x")
 
 
+def greatest_content(scene: Scene, start: np.ndarray) -> float:
+    """The most that a cell can come to hold: what one had at the start, or the supply has."""
+    most = float(start.max())
+    if scene.source is not None and scene.source.conductance > 0.0:
+        most = max(most, scene.source.supply)
+    return most
+
+
 class Water(Stage):
     """Owns the map of the relative water content; blends it to the moment of a frame, and sees that it is sound.
 
@@ -54,17 +62,15 @@ class Water(Stage):
         for name in ("water", "water_before", "water_now"):
             state.upload(name, content)
         self._state = state
-        self._bounds = self._find_bounds(float(content.max()))
+        self._bounds = self._find_bounds(greatest_content(self.scene, content))
         before, water, now = (state.lanes(name) for name in ("water_before", "water", "water_now"))
         accounts = [name if name in state else None for name in ACCOUNTS]
         inputs = [before, water, 1.0, *self._bounds, *accounts, 0]
         self.commands = [state.record(interpolate_water, now.shape, inputs, [now, "water_sign"])]
 
     def _find_bounds(self, most: float) -> tuple[float, float]:
-        """The least and the most that a cell may hold, from the most at the start."""
+        """The least and the most that a cell may hold, but for rounding and tolerances."""
         scene = self.scene
-        if scene.source is not None and scene.source.conductance > 0.0:
-            most = max(most, scene.source.supply)
         slack = ROUNDING * float(np.finfo(self._state.precision).eps)
         if scene.water_flows and scene.fluid.scheme == "unsplit":
             slack += scene.residual_tolerance * math.sqrt(self.leaf.mask.sum())

@@ -15,6 +15,8 @@ from leafwarp.study.tradeoff.trial import Trial
 STEP_COSTS = {"split": 1.0, "unsplit": 6.0}
 STEP_EXPONENTS = {"split": 0.0, "unsplit": 0.25}
 DOUBLE = 1.5
+# A step of second order is taken once whole and once in halves; where steps adapt, there are more than of the longest.
+SECOND_ORDER, ADAPTIVE = 3.0, 3.0
 # The sparse factor that double precision takes: over conjugate gradients, and its growth with the cells.
 FACTOR, FACTOR_EXPONENT = 4.0, 1.25
 # Explicit motion takes shorter steps on a finer mesh, and Newton's method factors with more fill.
@@ -74,7 +76,7 @@ class CostModel:
         if setting.fluid_step is None:
             return _Estimate(timing.trial.fluid_seconds, 0.0)
         ratio = self._fluid_work(setting) / self._fluid_work(known)
-        is_other = (setting.scheme, setting.precision) != (known.scheme, known.precision)
+        is_other = _kind_of_fluid(setting) != _kind_of_fluid(known)
         return _Estimate(ratio * timing.trial.fluid_seconds, _distance(ratio, is_other))
 
     def _fluid_work(self, setting: Setting) -> float:
@@ -85,6 +87,7 @@ class CostModel:
         if scheme == "unsplit" and double:
             each *= FACTOR
             cells **= FACTOR_EXPONENT
+        each *= (SECOND_ORDER if setting.order == 2 else 1.0) * (ADAPTIVE if setting.step_tolerance else 1.0)
         steps = max(1.0, self._duration / setting.fluid_step)
         return steps * cells * each * setting.fluid_step ** STEP_EXPONENTS[scheme]
 
@@ -93,6 +96,10 @@ class CostModel:
         is_other = setting.motion != timing.setting.motion
         seconds = timing.trial.motion_seconds + timing.trial.frame_seconds
         return _Estimate(ratio * seconds * (OTHER_MOTION if is_other else 1.0), _distance(ratio, is_other))
+
+
+def _kind_of_fluid(setting: Setting) -> tuple:
+    return setting.scheme, setting.precision, setting.order, setting.step_tolerance
 
 
 def _motion_work(setting: Setting) -> float:

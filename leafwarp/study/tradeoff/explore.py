@@ -14,7 +14,7 @@ from leafwarp.study.tradeoff.setting import Setting
 
 # Choices that go together: what the fluid does with a map depends on its scheme and step.
 GROUPS = (
-    ("map_size", "fluid_step", "scheme"),
+    ("map_size", "fluid_step", "scheme", "order", "step_tolerance"),
     ("vertices",),
     ("angular_springs",),
     ("motion", "force_tolerance", "substep"),

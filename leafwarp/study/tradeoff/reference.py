@@ -17,7 +17,7 @@ from leafwarp.study.tradeoff.worker import OutOfTime
 
 # Where the search begins: cells across, and fluid steps; the mesh is the scene's own.
 FIRST_CELLS = 128
-FIRST_STEPS = 180
+FIRST_STEPS = 60  # of second order
 TIGHT_FORCE_TOLERANCE = 1e-4
 # Of the water's error beside the shape's.
 WATER_WEIGHT = 0.1
@@ -115,10 +115,12 @@ def errors_fall_with_the_step(errors: Mapping[Setting, float], slack: float) -> 
 
 
 def first_setting(scene: Scene) -> Setting:
-    """Where the search begins: coarse, but unsplit, in double precision and with a tight tolerance."""
+    """Where the search begins: coarse, but unsplit and of second order, in double precision, with a tight tolerance."""
     own = Setting.of(scene)
     first = own.with_(
         scheme=own.scheme and "unsplit",
+        order=own.order and 2,
+        step_tolerance=None,
         precision="float64",
         force_tolerance=own.force_tolerance and min(own.force_tolerance, TIGHT_FORCE_TOLERANCE),
         coupling_interval=_default_coupling(scene),

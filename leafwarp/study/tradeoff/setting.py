@@ -15,6 +15,10 @@ LEAST_CELLS = 16
 VERTICES = (60, 30_000)
 MAP_FACTORS = (0.25, 0.5, 2.0, 4.0)
 STEP_FACTORS = (0.25, 4.0, 16.0)
+# Of steps of second order, and of the longest of those that adapt to a tolerance.
+SECOND_ORDER_FACTORS = (1.0, 4.0, 16.0)
+LONGEST_FACTOR = 64.0
+STEP_TOLERANCES = (1e-2, 1e-3)
 VERTEX_FACTORS = (0.125, 0.25, 0.5, 2.0)
 # Of the plant time between two frames.
 COUPLING_FACTORS = (4.0, 16.0)
@@ -33,6 +37,8 @@ class Setting:
         map_size: Cells (width, height).
         fluid_step: In plant time [s].
         scheme: "split" or "unsplit".
+        order: Of the fluid step, 1 or 2.
+        step_tolerance: Error that a fluid step may have, where steps adapt; ``fluid_step`` is the longest.
         vertices: Vertices of the mesh that are aimed at.
         angular_springs: Whether the leaf resists bending, and curls.
         motion: "explicit", "implicit" or "quasistatic".
@@ -45,6 +51,8 @@ class Setting:
     map_size: tuple[int, int] | None
     fluid_step: float | None
     scheme: str | None
+    order: int | None
+    step_tolerance: float | None
     vertices: int
     angular_springs: bool
     motion: str
@@ -61,6 +69,8 @@ class Setting:
             map_size=scene.maps.shape if scene.map_names else None,
             fluid_step=None if scene.fluid is None else min(scene.fluid.step, scene.time.duration),
             scheme=scene.fluid.scheme if scene.water_flows else None,
+            order=None if scene.fluid is None else scene.fluid.order,
+            step_tolerance=None if scene.fluid is None else scene.fluid.step_tolerance,
             vertices=scene.mesh.vertices,
             angular_springs=scene.has_angular_springs,
             motion=scene.motion.method,
@@ -130,6 +140,8 @@ KEYS = {
     "map_size": "maps.size",
     "fluid_step": "fluid.step",
     "scheme": "fluid.scheme",
+    "order": "fluid.order",
+    "step_tolerance": "fluid.step_tolerance",
     "vertices": "mesh.vertices",
     "motion": "motion.method",
     "coupling_interval": "solver.coupling_interval",
@@ -169,6 +181,12 @@ def single_changes(scene: Scene) -> Iterator[Setting]:
         if base.fluid_step is not None:
             for factor in STEP_FACTORS:
                 yield fluid.with_(fluid_step=min(factor * base.fluid_step, duration))
+            for factor in SECOND_ORDER_FACTORS:
+                yield fluid.with_(fluid_step=min(factor * base.fluid_step, duration), order=2, step_tolerance=None)
+            if scheme != "split" and not scene.keeps_a_set:
+                longest = min(LONGEST_FACTOR * base.fluid_step, duration)
+                adaptive = fluid.with_(fluid_step=longest, order=2)
+                yield from (adaptive.with_(step_tolerance=tolerance) for tolerance in STEP_TOLERANCES)
     fewest, most = VERTICES
     for factor in VERTEX_FACTORS:
         vertices = round(factor * base.vertices)
