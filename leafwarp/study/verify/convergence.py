@@ -7,7 +7,7 @@ from functools import cache
 import numpy as np
 
 from leafwarp.study.verify.case import Check, near
-from leafwarp.study.verify.drawn_fluid import STAGES, diffusion_sample, exchange_matrices
+from leafwarp.study.verify.drawn_fluid import SECOND_ORDER, STAGES, diffusion_sample, exchange_matrices
 
 END = 0.1  # [s]
 STEPS = (20, 40, 80)
@@ -15,7 +15,7 @@ CELLS = (8, 16, 32)
 
 
 def manufactured_solution(device: str) -> list[Check]:
-    """First order in the step, second in the cell, for each scheme."""
+    """First order in the step, second in the cell, for each scheme; second in the step where that is asked for."""
     checks = []
     for scheme in STAGES:
         for what, expected, (sizes, errors) in (
@@ -24,6 +24,9 @@ def manufactured_solution(device: str) -> list[Check]:
         ):
             order = np.log(errors[-2] / errors[-1]) / np.log(sizes[-2] / sizes[-1])
             checks.append(near(f"{scheme}: order in the {what}", expected, order, 0.1))
+        sizes, errors = errors_of_second_order(scheme, device)
+        order = np.log(errors[-2] / errors[-1]) / np.log(sizes[-2] / sizes[-1])
+        checks.append(near(f"{scheme}{SECOND_ORDER}: order in the step", 2.0, order, 0.2))
     return checks
 
 
@@ -33,6 +36,26 @@ def errors_in_the_step(scheme: str, device: str) -> tuple[tuple[float, ...], tup
     count = 16
     exact = _exact_in_time(count, END)
     errors = [_root_mean_square(_march(scheme, count, steps, device) - exact) for steps in STEPS]
+    return tuple(END / steps for steps in STEPS), tuple(errors)
+
+
+@cache
+def errors_of_second_order(scheme: str, device: str) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Steps [s] and root mean square errors of steps of second order, without a source, likewise."""
+    count = 16
+    diffusivity = 1.0 + 0.5 * _cosines(count)[3]
+    both = exchange_matrices(diffusivity, diffusivity > 0.0, 1.0, (1.0 / count, 1.0 / count))
+    rates, modes = np.linalg.eigh((both[0] + both[1]).toarray())
+    start = _exact(count, 0.0)
+    exact = (modes @ (np.exp(-rates * END) * (modes.T @ start.ravel()))).reshape(start.shape)
+    errors = []
+    for steps in STEPS:
+        table = {"tolerance": 1e-6}
+        sample = diffusion_sample(
+            diffusivity, diffusivity > 0.0, start, scheme + SECOND_ORDER, END / steps, (1.0, 1.0), device, fluid=table
+        )
+        sample.fluid.advance(END)
+        errors.append(_root_mean_square(sample.water - exact))
     return tuple(END / steps for steps in STEPS), tuple(errors)
 
 

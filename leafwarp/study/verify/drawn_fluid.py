@@ -24,6 +24,8 @@ SOLVERS = {
     "iterated": {"solver": "conjugate_gradients"},
     "unsplit, solver left open": {},
 }
+# What names of schemes end with whose steps are of second order.
+SECOND_ORDER = ", second order"
 
 
 @dataclass
@@ -63,7 +65,8 @@ class Sample:
 
 
 def make_scene(tables: Mapping[str, Any], precision: str = "float32") -> Scene:
-    """A scene of a leaf that is not read, with further tables; its scheme is one of :data:`STAGES` or `SOLVERS`."""
+    """A scene of a leaf that is not read, with further tables; its scheme is one of :data:`STAGES` or `SOLVERS`, which
+    :data:`SECOND_ORDER` may follow."""
     base = {
         "leaf": {"image": "leaf.png", "length": 0.1},
         "time": {"duration": 600.0, "frames": 11},
@@ -71,7 +74,9 @@ def make_scene(tables: Mapping[str, Any], precision: str = "float32") -> Scene:
         "solver": {"precision": precision},
     }
     tables = dict(tables)
-    scheme = tables.get("fluid", {}).get("scheme")
+    scheme, order, _ = tables.get("fluid", {}).get("scheme", "split").partition(SECOND_ORDER)
+    if order:
+        tables["fluid"] = tables["fluid"] | {"scheme": scheme, "order": 2}
     if scheme in SOLVERS:
         tables["fluid"] = SOLVERS[scheme] | tables["fluid"] | {"scheme": "unsplit"}
     return Scene.model_validate(base | tables)
