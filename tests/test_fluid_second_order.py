@@ -116,7 +116,7 @@ def test_no_water_is_made_or_lost_and_none_leaves_its_bounds(scheme: str, device
         assert -1e-5 < sample.water.min() and sample.water.max() <= 0.9 + 1e-5
         assert abs(sample.fluid.ledger().error) <= LEDGER[precision]
     assert sample.leaf_water.min() < 1e-3
-    assert sample.state["held_at_zero"].numpy().sum() > 0.0
+    assert sample.state["held_at_least"].numpy().sum() > 0.0
     # Split steps bring less water along the vein.
     assert scheme == "split" or sample.state["held_at_most"].numpy().sum() > 0.0
 

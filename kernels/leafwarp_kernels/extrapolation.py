@@ -11,7 +11,7 @@ the three steps have in their accounts adds up in the same way, and no water is 
 The sum may leave the bounds that each step keeps. A cell that it would leave with less than nothing has transpired what
 is missing too much, and one with more than the supply has taken up too much: they are held at the bound, and what is
 held back is counted. Where that is much of ``e``, or there is nothing that could be counted less, the step is no longer
-in the range of its order, and the two halves stand.
+in the range of its order, and the two halves stand. Cells that hold nothing in both are left alone: those off the leaf.
 
 Arrays are whole blocks of lanes (see :mod:`leafwarp_kernels.lanes`), 0 off the leaf; a thread takes some blocks of a
 row, on a CPU all of them.
@@ -43,6 +43,7 @@ def compare_halves(
     whole: wp.array2d[Lanes],
     halves: wp.array2d[Lanes],
     segment_length: wp.int32,
+    least: wp.float64,
     most: wp.float64,
     # outputs:
     row_sum_out: wp.array3d[wp.float64],
@@ -53,6 +54,7 @@ def compare_halves(
         whole: Contents after one step, shape [ny, block].
         halves: Contents after two steps of half the length, shape [ny, block].
         segment_length: Blocks of a thread.
+        least: Least content that a cell can hold.
         most: Greatest content that a cell can hold.
         row_sum_out: Shape [SUM_COUNT, segment, ny].
     """
@@ -68,8 +70,9 @@ def compare_halves(
             difference_squared += difference * difference
             content_squared += content * content
             difference_sum += wp.abs(difference)
-            below += wp.max(wp.float64(0.0), -(content + difference))
-            above += wp.max(wp.float64(0.0), content + difference - most)
+            if content != wp.float64(0.0) or difference != wp.float64(0.0):
+                below += wp.max(wp.float64(0.0), least - (content + difference))
+                above += wp.max(wp.float64(0.0), content + difference - most)
     row_sum_out[DIFFERENCE_SQUARED, segment, row] = difference_squared
     row_sum_out[CONTENT_SQUARED, segment, row] = content_squared
     row_sum_out[DIFFERENCE, segment, row] = difference_sum
@@ -100,7 +103,7 @@ def judge_step(
 
     Args:
         row_sum: Of :func:`compare_halves`, shape [SUM_COUNT, segment, ny].
-        share_below: How much may be held at 0, over the sum of ``|e|``.
+        share_below: How much may be held at the least content, over the sum of ``|e|``.
         share_above: How much may be held at the greatest content, likewise.
         told_out: 1 or 0, and the norm of ``e`` over that of the contents, shape [TOLD_COUNT].
     """
@@ -121,10 +124,11 @@ def extrapolate_water(
     halves: wp.array2d[Lanes],
     told: wp.array[wp.float64],
     segment_length: wp.int32,
+    least: wp.float64,
     most: wp.float64,
     # outputs:
     water_out: wp.array2d[Lanes],
-    held_at_zero_out: wp.array2d[wp.float64],
+    held_at_least_out: wp.array2d[wp.float64],
     held_at_most_out: wp.array2d[wp.float64],
 ):
     """The contents after the step.
@@ -133,9 +137,10 @@ def extrapolate_water(
         halves: Contents after two steps of half the length, shape [ny, block].
         told: Of :func:`judge_step`, shape [TOLD_COUNT].
         segment_length: Blocks of a thread.
+        least: Least content that a cell can hold.
         most: Greatest content that a cell can hold.
         water_out: Contents after one step and, then, after the step of second order, shape [ny, block].
-        held_at_zero_out: What cells were kept from losing so far, shape [segment, ny]; added to.
+        held_at_least_out: What cells were kept from losing so far, shape [segment, ny]; added to.
         held_at_most_out: What cells were kept from taking up so far, shape [segment, ny]; added to.
     """
     segment, row = wp.tid()
@@ -146,13 +151,15 @@ def extrapolate_water(
             once = water_out[row, block]
             for lane in range(LANES):
                 content = wp.float64(after[lane])
-                sought = content + (content - wp.float64(once[lane]))
-                held = wp.clamp(sought, wp.float64(0.0), most)
-                below += wp.max(held - sought, wp.float64(0.0))
-                above += wp.max(sought - held, wp.float64(0.0))
-                after[lane] = type(after[lane])(held)
+                difference = content - wp.float64(once[lane])
+                if content != wp.float64(0.0) or difference != wp.float64(0.0):
+                    sought = content + difference
+                    held = wp.clamp(sought, least, most)
+                    below += wp.max(held - sought, wp.float64(0.0))
+                    above += wp.max(sought - held, wp.float64(0.0))
+                    after[lane] = type(after[lane])(held)
         water_out[row, block] = after
-    held_at_zero_out[segment, row] += below
+    held_at_least_out[segment, row] += below
     held_at_most_out[segment, row] += above
 
 

@@ -19,7 +19,7 @@ from leafwarp.sim.stage import Stage
 from leafwarp.stopwatch import Stopwatch
 
 # Arrays that count what has left and entered.
-LOSSES = {"transpired": 1.0, "held_at_zero": -1.0}
+LOSSES = {"transpired": 1.0, "held_at_least": -1.0}
 GAINS = {"added_by_source_x": 1.0, "added_by_source_y": 1.0, "held_at_most": -1.0}
 # Where steps adapt, the shortest one over the longest; it is taken whatever its error.
 SHORTEST = 2.0**-12

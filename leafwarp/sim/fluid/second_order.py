@@ -8,13 +8,12 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import warp as wp
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.fluid.steps import HALF_STEP, FluidSteps, NotConverged
-from leafwarp.sim.fluid.water import greatest_content
+from leafwarp.sim.fluid.water import content_bounds
 from leafwarp.sim.launch import ArraySpec, Command, PartOfState, State
 from leafwarp.sim.stage import Interval, Stage, bind_stage
 from leafwarp_kernels.extrapolation import (
@@ -117,18 +116,17 @@ class Extrapolation(Stage):
         length, segments = (1, blocks) if state.many_threads else (blocks, 1)
         dim = (segments, rows)
         self.add_array(state, ArraySpec("extrapolation_sum", (SUM_COUNT, *dim), "float64", "sums of it by segments"))
-        for name, what in (("held_at_zero", "losing"), ("held_at_most", "taking up")):
+        held = {"held_at_least": "losing", "held_at_most": "taking up"}
+        for name, what in held.items():
             self.add_array(state, ArraySpec(name, dim, "float64", f"content that cells were kept from {what}"))
-        start = np.where(self.leaf.mask, np.clip(self.leaf.maps["water"], 0.0, 1.0), 0.0)
-        most = greatest_content(self.scene, start)
+        bounds = content_bounds(self.scene, self.leaf)
         share_below = HELD_SHARE if "transpired" in state else 0.0
         share_above = HELD_SHARE if "added_by_source_x" in state else 0.0
         sums, told = "extrapolation_sum", "extrapolation"
-        held = ["held_at_zero", "held_at_most"]
         self.commands = [
-            state.record(compare_halves, dim, [water, halves, length, most], [sums]),
+            state.record(compare_halves, dim, [water, halves, length, *bounds], [sums]),
             state.record(judge_step, 1, [sums, share_below, share_above], [told]),
-            state.record(extrapolate_water, dim, [halves, told, length, most], [water, *held]),
+            state.record(extrapolate_water, dim, [halves, told, length, *bounds], [water, *held]),
             *(self._account(state, name) for name in ACCOUNTS if name in state),
         ]
 

@@ -19,12 +19,20 @@ ROUNDING = 1000.0
 ACCOUNTS = ("transpired", "added_by_source_x")
 
 
-def greatest_content(scene: Scene, start: np.ndarray) -> float:
-    """The most that a cell can come to hold: what one had at the start, or the supply has."""
-    most = float(start.max())
+def start_content(leaf: Leaf) -> np.ndarray:
+    """Relative water content at the start, shape [ny, nx]."""
+    return np.where(leaf.mask, np.clip(leaf.maps["water"], 0.0, 1.0), 0.0)
+
+
+def content_bounds(scene: Scene, leaf: Leaf) -> tuple[float, float]:
+    """The least and the most that a cell can come to hold: what one had at the start, the supply has or losses leave."""
+    start = start_content(leaf)[leaf.mask]
+    found = [float(start.min()), float(start.max())] if len(start) > 0 else [0.0]
     if scene.source is not None and scene.source.conductance > 0.0:
-        most = max(most, scene.source.supply)
-    return most
+        found.append(scene.source.supply)
+    if scene.transpiration is not None and scene.transpiration.rate > 0.0:
+        found.append(0.0)
+    return min(found), max(found)
 
 
 class Water(Stage):
@@ -58,11 +66,11 @@ class Water(Stage):
         )
 
     def bind(self, state: State) -> None:
-        content = np.where(self.leaf.mask, np.clip(self.leaf.maps["water"], 0.0, 1.0), 0.0)
+        content = start_content(self.leaf)
         for name in ("water", "water_before", "water_now"):
             state.upload(name, content)
         self._state = state
-        self._bounds = self._find_bounds(greatest_content(self.scene, content))
+        self._bounds = self._find_bounds(content_bounds(self.scene, self.leaf)[1])
         before, water, now = (state.lanes(name) for name in ("water_before", "water", "water_now"))
         accounts = [name if name in state else None for name in ACCOUNTS]
         inputs = [before, water, 1.0, *self._bounds, *accounts, 0]
