@@ -25,7 +25,7 @@ def start_content(leaf: Leaf) -> np.ndarray:
 
 
 def content_bounds(scene: Scene, leaf: Leaf) -> tuple[float, float]:
-    """The least and the most that a cell can come to hold: what one had at the start, the supply has or losses leave."""
+    """The least and the most that a cell can come to hold: from what start, supply and losses leave it."""
     start = start_content(leaf)[leaf.mask]
     found = [float(start.min()), float(start.max())] if len(start) > 0 else [0.0]
     if scene.source is not None and scene.source.conductance > 0.0:
