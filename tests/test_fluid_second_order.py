@@ -178,15 +178,26 @@ def test_a_smaller_tolerance_makes_a_smaller_error_with_more_steps(device: str) 
     truth = play(drying(device, None, count=4800))
     errors, counts = [], []
     for tolerance in (3e-2, 3e-3, 3e-4):
-        sample = drying(device, tolerance)
+        sample = drying(device, tolerance, count=1)
         errors.append(np.linalg.norm(play(sample) - truth) / np.linalg.norm(truth))
         counts.append(sample.fluid.steps_done)
-        assert errors[-1] < 2.0 * tolerance
+        assert errors[-1] < tolerance
         assert abs(sample.fluid.ledger().error) < 1e-13
-    assert errors[0] > 3.0 * errors[1] > 9.0 * errors[2] and counts[0] < counts[1] < counts[2]
-    # Equal steps would have to be as short throughout.
-    equal = drying(device, None, count=counts[2])
-    assert np.linalg.norm(play(equal) - truth) / np.linalg.norm(truth) > 2.0 * errors[2]
+        equal = drying(device, None, count=counts[-1])
+        assert np.linalg.norm(play(equal) - truth) / np.linalg.norm(truth) > 3.0 * errors[-1]
+    assert errors[0] > 1.5 * errors[1] > 3.0 * errors[2] and counts[0] < counts[1] < counts[2]
+
+
+@pytest.mark.parametrize("cut", [0.4, 0.57, 0.8])
+def test_straight_lines_between_steps_show_the_cut(cut: float, device: str) -> None:
+    """Wherever it falls in the longest steps, whose ends may both be right."""
+    source = {"cut_at": cut * DURATION}
+    truth, sample = play(drying(device, None, 4800, **source), 96), drying(device, 3e-3, 3, **source)
+    error = np.linalg.norm(play(sample, 96) - truth, axis=(1, 2)) / np.linalg.norm(truth, axis=(1, 2))
+    assert error.max() < 0.02
+    assert sample.fluid.steps_done < 200
+    equal = play(drying(device, None, sample.fluid.steps_done, **source), 96)
+    assert (np.linalg.norm(equal - truth, axis=(1, 2)) / np.linalg.norm(truth, axis=(1, 2))).max() > 2.0 * error.max()
 
 
 def test_steps_are_short_after_the_cut_and_long_again_later(device: str) -> None:
@@ -216,10 +227,10 @@ def test_the_history_of_the_water_knows_nothing_of_the_frames(count: int, device
 
 def test_a_step_taken_again_leaves_no_trace(device: str, precision: str) -> None:
     """A first step that is far too long, and one of the length that it ends up with."""
-    sample = drying(device, 1e-4, 1, precision)
+    sample = drying(device, 1e-3, 1, precision)
     sample.fluid.advance(0.01)
     parts = round(sample.fluid.steps.length / sample.fluid.shortest_step)
-    assert parts >= 16 and sample.fluid.steps_repeated == np.log2(parts)
+    assert parts >= 16 and 0 < sample.fluid.steps_repeated <= np.log2(parts)
     right = drying(device, None, parts, precision)
     right.fluid.advance(DURATION / parts)
     tolerance = {"float32": 1e-5, "float64": 1e-10}[precision]

@@ -13,6 +13,9 @@ is missing too much, and one with more than the supply has taken up too much: th
 held back is counted. Where that is much of ``e``, or there is nothing that could be counted less, the step is no longer
 in the range of its order, and the two halves stand. Cells that hold nothing in both are left alone: those off the leaf.
 
+Between the ends of a step the water is taken to change linearly. How far the first half is from the mean of both ends
+tells what that is worth: where a leaf is cut within a step, little, though both ends may be right.
+
 Arrays are whole blocks of lanes (see :mod:`leafwarp_kernels.lanes`), 0 off the leaf; a thread takes some blocks of a
 row, on a CPU all of them.
 """
@@ -29,7 +32,8 @@ CONTENT_SQUARED = wp.constant(1)
 DIFFERENCE = wp.constant(2)
 BELOW = wp.constant(3)
 ABOVE = wp.constant(4)
-SUM_COUNT = 5
+BEND_SQUARED = wp.constant(5)
+SUM_COUNT = 6
 
 # What is told of a step.
 WEIGHT = wp.constant(0)
@@ -56,7 +60,7 @@ def compare_halves(
         segment_length: Blocks of a thread.
         least: Least content that a cell can hold.
         most: Greatest content that a cell can hold.
-        row_sum_out: Shape [SUM_COUNT, segment, ny].
+        row_sum_out: All but :data:`BEND_SQUARED` is written, shape [SUM_COUNT, segment, ny].
     """
     segment, row = wp.tid()
     # Each a variable of its own: one that two names share would not be added to.
@@ -78,6 +82,35 @@ def compare_halves(
     row_sum_out[DIFFERENCE, segment, row] = difference_sum
     row_sum_out[BELOW, segment, row] = below
     row_sum_out[ABOVE, segment, row] = above
+
+
+@wp.kernel
+def compare_middle(
+    # inputs:
+    before: wp.array2d[Lanes],
+    middle: wp.array2d[Lanes],
+    halves: wp.array2d[Lanes],
+    segment_length: wp.int32,
+    # outputs:
+    row_sum_out: wp.array3d[wp.float64],
+):
+    """Sum over each segment of the rows of how far the middle of a step is from a straight line.
+
+    Args:
+        before: Contents before the step, shape [ny, block].
+        middle: After half of it, shape [ny, block].
+        halves: After both halves, shape [ny, block].
+        segment_length: Blocks of a thread.
+        row_sum_out: Written at :data:`BEND_SQUARED`, shape [SUM_COUNT, segment, ny].
+    """
+    segment, row = wp.tid()
+    bend_squared = wp.float64(0.0)
+    for block in range(segment * segment_length, wp.min((segment + 1) * segment_length, before.shape[1])):
+        first, second, third = before[row, block], middle[row, block], halves[row, block]
+        for lane in range(LANES):
+            bend = wp.float64(second[lane]) - wp.float64(0.5) * (wp.float64(first[lane]) + wp.float64(third[lane]))
+            bend_squared += bend * bend
+    row_sum_out[BEND_SQUARED, segment, row] = bend_squared
 
 
 @wp.func
@@ -105,7 +138,8 @@ def judge_step(
         row_sum: Of :func:`compare_halves`, shape [SUM_COUNT, segment, ny].
         share_below: How much may be held at the least content, over the sum of ``|e|``.
         share_above: How much may be held at the greatest content, likewise.
-        told_out: 1 or 0, and the norm of ``e`` over that of the contents, shape [TOLD_COUNT].
+        told_out: 1 or 0, and the norm of ``e``, or that of the bend if it is larger, over that of the contents, shape
+            [TOLD_COUNT].
     """
     difference = total(row_sum, DIFFERENCE)
     weight = wp.float64(0.0)
@@ -115,7 +149,8 @@ def judge_step(
     told_out[ERROR] = wp.float64(0.0)
     content = total(row_sum, CONTENT_SQUARED)
     if content > wp.float64(0.0):
-        told_out[ERROR] = wp.sqrt(total(row_sum, DIFFERENCE_SQUARED) / content)
+        error_squared = wp.max(total(row_sum, DIFFERENCE_SQUARED), total(row_sum, BEND_SQUARED))
+        told_out[ERROR] = wp.sqrt(error_squared / content)
 
 
 @wp.kernel

@@ -12,7 +12,7 @@ import warp as wp
 from leafwarp.errors import SimulationError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
-from leafwarp.sim.fluid.steps import HALF_STEP, FluidSteps, NotConverged
+from leafwarp.sim.fluid.steps import HALF_STEP, SNAP, FluidSteps, NotConverged
 from leafwarp.sim.fluid.water import Water
 from leafwarp.sim.launch import Command, State
 from leafwarp.sim.stage import Stage
@@ -21,8 +21,9 @@ from leafwarp.stopwatch import Stopwatch
 # Arrays that count what has left and entered.
 LOSSES = {"transpired": 1.0, "held_at_least": -1.0}
 GAINS = {"added_by_source_x": 1.0, "added_by_source_y": 1.0, "held_at_most": -1.0}
-# Where steps adapt, the shortest one over the longest; it is taken whatever its error.
-SHORTEST = 2.0**-12
+# Where steps adapt, over the longest: the shortest one, which is taken whatever its error, and the longest within which
+# the source may open or close, as neither its ends nor its middle need show what that does.
+SHORTEST, LONGEST_ACROSS = 2.0**-12, 2.0**-6
 # The share of the allowed error below which the next step may be twice as long; its error is four times as large.
 EASY_SHARE = 0.2
 # Error that rounding may show, in units of the last place.
@@ -95,7 +96,7 @@ class Fluid:
         self._stages = [stage for stage in stages if stage.rate == "fluid step"]
         self._graphs: dict[tuple[int, ...], wp.Graph] = {}
         self._start = self._content()
-        self._events = _source_events(scene)
+        self._events, self._moments = _source_events(scene)
         self._last_checked = 0
         self._is_kept = self._may_rest = self._is_resting = False
         # In longest steps, of which all parts are powers of two: no sum of them is rounded.
@@ -144,6 +145,7 @@ class Fluid:
             self._run(frame)
         else:
             self._keep()
+            self._take_spans_of(self._span_to_event())
             accounts = {name: wp.clone(self._state.whole(name)) for name in self._accounts()}
             self._run(frame)
             while self._share_of_error() > 1.0 and self._span > SHORTEST:
@@ -160,6 +162,15 @@ class Fluid:
         # A longer step begins where one of its length would.
         if self._position % next_span == 0.0:
             self._take_spans_of(next_span)
+
+    def _span_to_event(self) -> float:
+        """The part of the next step within which the source neither opens nor closes, unless that is too short."""
+        span = self._span
+        for moment in self._moments:
+            ahead = moment / self.steps.length - self._position
+            while SNAP < ahead < span - SNAP and span > LONGEST_ACROSS:
+                span *= 0.5
+        return span
 
     def _keep(self) -> None:
         self._water.keep()
@@ -298,10 +309,15 @@ def _is_account(name: str) -> bool:
     return name.removeprefix(HALF_STEP) in (*LOSSES, *GAINS)
 
 
-def _source_events(scene: Scene) -> tuple[int, ...]:
-    """The steps that are another than the one before, as the source is then open for another time."""
+def _source_events(scene: Scene) -> tuple[tuple[int, ...], tuple[float, ...]]:
+    """When the source opens and closes.
+
+    Returns:
+        The steps that are another than the one before, as the source is then open for another time; the moments [s].
+    """
     if scene.source is None or scene.source.conductance == 0.0:
-        return ()
+        return (), ()
     from leafwarp.sim.fluid.source import Opening
 
-    return Opening(scene).changes()
+    moments = (scene.source.cut_at, scene.source.rewatered_at)
+    return Opening(scene).changes(), tuple(moment for moment in moments if moment is not None)

@@ -21,6 +21,7 @@ from leafwarp_kernels.extrapolation import (
     SUM_COUNT,
     TOLD_COUNT,
     compare_halves,
+    compare_middle,
     extrapolate_account,
     extrapolate_water,
     judge_step,
@@ -50,11 +51,15 @@ class HalfSteps(Stage):
         step = 0.5 * FluidSteps.of(scene).length
         half = scene.with_changes({"fluid.step": step, "fluid.order": 1, "fluid.step_tolerance": None})
         self.stages = [stage for stage in make_stages(half, leaf, "fluid")[0] if stage.rate == "fluid step"]
-        self._own = ArraySpec("water", leaf.mask.shape, "real", "relative water content in half steps", padded=True)
+        shape = leaf.mask.shape
+        self._own = [ArraySpec("water", shape, "real", "relative water content in half steps", padded=True)]
+        self._shows_middle = scene.fluid.step_tolerance is not None
+        if self._shows_middle:
+            self._own.append(ArraySpec("middle", shape, "real", "the same after the first half", padded=True))
         self._note_arrays()
 
     def _note_arrays(self) -> None:
-        specs = (self._own, *(spec for stage in self.stages for spec in stage.arrays))
+        specs = (*self._own, *(spec for stage in self.stages for spec in stage.arrays))
         self.arrays = tuple(replace(spec, name=HALF_STEP + spec.name) for spec in specs)
 
     @property
@@ -90,12 +95,17 @@ class HalfSteps(Stage):
         for name in self._copied:
             wp.copy(self._state.whole(HALF_STEP + name), self._state.whole(name))
         middle = 0.5 * (interval.start + interval.end)
-        for half in (Interval(interval.start, middle), Interval(middle, interval.end)):
-            for stage in self.stages:
-                try:
-                    stage.run(half)
-                except NotConverged as error:
-                    raise NotConverged(f"in half a step: {error}") from None
+        self._run_half(Interval(interval.start, middle))
+        if self._shows_middle:
+            wp.copy(self._state.whole(HALF_STEP + "middle"), self._state.whole(HALF_STEP + "water"))
+        self._run_half(Interval(middle, interval.end))
+
+    def _run_half(self, interval: Interval) -> None:
+        for stage in self.stages:
+            try:
+                stage.run(interval)
+            except NotConverged as error:
+                raise NotConverged(f"in half a step: {error}") from None
 
 
 class Extrapolation(Stage):
@@ -123,7 +133,12 @@ class Extrapolation(Stage):
         share_below = HELD_SHARE if "transpired" in state else 0.0
         share_above = HELD_SHARE if "added_by_source_x" in state else 0.0
         sums, told = "extrapolation_sum", "extrapolation"
+        straight = []
+        if self.scene.fluid.step_tolerance is not None:
+            line = [state.lanes(name) for name in ("water_before", HALF_STEP + "middle", HALF_STEP + "water")]
+            straight = [state.record(compare_middle, dim, [*line, length], [sums])]
         self.commands = [
+            *straight,
             state.record(compare_halves, dim, [water, halves, length, *bounds], [sums]),
             state.record(judge_step, 1, [sums, share_below, share_above], [told]),
             state.record(extrapolate_water, dim, [halves, told, length, *bounds], [water, *held]),
@@ -135,5 +150,8 @@ class Extrapolation(Stage):
 
 
 def step_error(state: State) -> float:
-    """How far the halves of the last step were off, over the contents; waits for the device."""
+    """How far the halves of the last step, or a straight line between its ends, were off; waits for the device.
+
+    Norm of that over the norm of the contents.
+    """
     return float(state["extrapolation"].numpy()[ERROR])
