@@ -36,35 +36,31 @@ class ShapeRest:
         lengths = leaf.join(lambda photo, specimen: np.full(photo.mesh.vertex_count, specimen.size * photo.length))
         self._tolerance = TOLERANCE * lengths
         self._seen = -1
-        self.wake()
-
-    def wake(self) -> None:
-        """The input has changed: nothing is known of where the shape goes."""
         self.is_resting = False
         self._place: np.ndarray | None = None
         self._calm = 0
 
-    def look(self, frame: int, points: np.ndarray) -> bool:
+    def wake(self) -> None:
+        """The input has changed: nothing is known of where the shape goes."""
+        self.is_resting, self._place, self._calm = False, None, 0
+
+    def look(self, frame: int, points: np.ndarray) -> None:
         """See whether the leaf has come to rest, from a frame under the same input as the one before.
 
         Args:
             frame: Its number.
             points: Vertices [m], shape [vertex_count, 3].
-
-        Returns:
-            Whether it has, just now.
         """
         if self.is_resting or frame <= self._seen:
-            return False
+            return
         self._seen = frame
         if self._place is None:
             self._place, self._calm = points, 0
-            return False
+            return
         left = (self._frames - frame) / self._fps
         off = np.linalg.norm(points - self._place, axis=1)
         if not (off <= self._tolerance * (CALM / (CALM + left))).all():
             self._place, self._calm = points, 0
-            return False
+            return
         self._calm += 1
         self.is_resting = self._calm >= math.ceil(CALM * self._fps)
-        return self.is_resting

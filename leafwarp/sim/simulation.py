@@ -144,8 +144,8 @@ class Simulation:
             if self.fluid is not None:
                 self.fluid.check(index)
             output.check(frame)
-            if self._rest is not None and self._rest.look(index, frame.points):
-                self.state["velocity"].zero_()
+            if self._rest is not None:
+                self._rest.look(index, frame.points)
             display_color = self.stage("display_color")
             return frame if display_color is None else display_color.color(frame)
 
@@ -176,6 +176,7 @@ class Simulation:
         """Let the structure follow the water to a moment, and return the substeps that it took."""
         substeps = 0
         if self._rest is not None and self._rest.is_resting:
+            self.state["velocity"].zero_()
             return substeps
         with self.watch("motion"):
             if moment.on_path:
