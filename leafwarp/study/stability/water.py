@@ -29,7 +29,7 @@ SCHEMES = {
 }
 OF_SECOND_ORDER = {
     "split, second order": "split, order 2",
-    "iterated, second order": "unsplit, conjugate_gradients, order 2",
+    "unsplit, solver left open, second order": "unsplit, order 2",
 }
 PRECISIONS = ("float32", "float64")
 # Largest error of a content that a user would not see.
