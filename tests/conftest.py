@@ -35,9 +35,10 @@ def pytest_configure(config: pytest.Config) -> None:
         _check_bounds(config)
     if config.getoption("--like-gpu"):
         _act_like_a_gpu()
-    from kernel_launches import KernelLaunches
+    if config.pluginmanager.has_plugin("cacheprovider"):
+        from kernel_launches import KernelLaunches
 
-    config.pluginmanager.register(KernelLaunches(config))
+        config.pluginmanager.register(KernelLaunches(config))
 
 
 def _check_bounds(config: pytest.Config) -> None:
@@ -54,6 +55,8 @@ def _check_bounds(config: pytest.Config) -> None:
     if len(str(header).split()) != 1:
         raise pytest.UsageError(f"--debug-kernels: a path with a space cannot be given to Warp's compiler: {header}")
     wp.config.cpu_compiler_flags += f" -include {header}"
+    # Else kernels with checks use a pointer to their stack, of which there is one for all threads that launch them.
+    wp.config.enable_tiles_in_stack_memory = False
 
 
 def _act_like_a_gpu() -> None:
