@@ -17,6 +17,11 @@ if "PYTEST_XDIST_WORKER" in os.environ:
 def pytest_addoption(parser: pytest.Parser) -> None:
     parser.addoption("--device", action="append", default=[], help="Warp device to test on; repeatable (default: cpu)")
     parser.addoption("--debug-kernels", action="store_true", help="compile kernels with bounds checks")
+    parser.addoption(
+        "--launching",
+        action="store_true",
+        help="leave out tests that launched no kernel when they passed without checks",
+    )
     parser.addoption("--like-gpu", action="store_true", help="on the CPU: round and hand out arrays as a GPU does")
     parser.addoption("--slow", action="store_true", help="also run what takes minutes: large maps, a million steps")
 
@@ -27,9 +32,31 @@ def pytest_configure(config: pytest.Config) -> None:
     config.addinivalue_line("markers", "slow: takes minutes, and is skipped without --slow")
     wp.config.quiet = True
     if config.getoption("--debug-kernels"):
-        wp.config.mode = "debug"
+        _check_bounds(config)
     if config.getoption("--like-gpu"):
         _act_like_a_gpu()
+    if config.pluginmanager.has_plugin("cacheprovider"):
+        from kernel_launches import KernelLaunches
+
+        config.pluginmanager.register(KernelLaunches(config))
+
+
+def _check_bounds(config: pytest.Config) -> None:
+    """Let kernels end the process at an index out of bounds, still optimised as in release mode where Warp allows it.
+
+    Warp's debug mode does not optimise: the tests of water and motion take five times as long in it.
+    """
+    import warp as wp
+
+    if any(device != "cpu" for device in config.getoption("--device")):
+        wp.config.mode = "debug"
+        return
+    header = Path(__file__).with_name("check_bounds.h")
+    if len(str(header).split()) != 1:
+        raise pytest.UsageError(f"--debug-kernels: a path with a space cannot be given to Warp's compiler: {header}")
+    wp.config.cpu_compiler_flags += f" -include {header}"
+    # Else kernels with checks use a pointer to their stack, of which there is one for all threads that launch them.
+    wp.config.enable_tiles_in_stack_memory = False
 
 
 def _act_like_a_gpu() -> None:
