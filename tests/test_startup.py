@@ -39,6 +39,37 @@ def imported(*arguments: str, **options) -> set[str]:
     return set(names)
 
 
+INITIALISED = """
+import sys, threading, time
+from pathlib import Path
+import warp as wp
+from warp._src import context
+from leafwarp.scene.file import load_scene
+from leafwarp.sim.compilation import Compilation
+
+found = []
+
+class Runtime(context.Runtime):
+    def __init__(self):
+        found.append(threading.current_thread().name)
+        time.sleep(0.2)
+        super().__init__()
+
+context.Runtime = Runtime
+wp.config.quiet = True
+with Compilation(load_scene(Path(sys.argv[1])), "cpu") as compilation:
+    compilation.wait()
+print(*found)
+"""
+
+
+def test_warp_is_initialised_once_before_anything_is_compiled() -> None:
+    """By two threads at a time it would change modules that one of them is compiling."""
+    command = [sys.executable, "-c", INITIALISED, str(ROOT / "scenes" / "still.toml")]
+    done = subprocess.run(command, env=ENVIRONMENT, capture_output=True, text=True, check=True)
+    assert done.stdout.split() == ["MainThread"]
+
+
 @pytest.mark.parametrize("arguments", [["--help"], ["run", "--help"], ["verify", "--help"]])
 def test_help_loads_no_library(arguments: list[str]) -> None:
     assert imported(*arguments) == set()

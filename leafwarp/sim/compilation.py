@@ -88,6 +88,8 @@ class Compilation:
 
     def __init__(self, scene: Scene, device: str):
         self._device = device
+        # Two threads that find Warp not yet initialised would both do so, and modules being compiled would change.
+        wp.init()
         # One thread: the compiler reads its headers once a thread, which takes longer than most modules. So it begins
         # with a kernel that every scene has, before the others are found.
         self._pool = ThreadPoolExecutor(1)
