@@ -23,9 +23,7 @@ from leafwarp.study.tolerance import CORRELATION, Pass, Search, at_level, comput
 from leafwarp.study.tradeoff.errors import errors_of
 from leafwarp.study.tradeoff.trial import Film
 from leafwarp.usd.check import check_usd
-
-# A level of the tests' own: small maps and meshes.
-SMALL = {"cells": 10, "vertices": 40, "fluid_steps": 12}
+from scene_strategies import small_resolution
 
 
 def without_decided(scene_file: Path, **top) -> dict:
@@ -163,14 +161,7 @@ def test_a_wider_force_tolerance_leaves_more_force_and_takes_less_work(film, met
 @pytest.fixture
 def small_levels(monkeypatch):
     """Levels that are coarser than the product's."""
-
-    def of(level: int) -> Resolution:
-        finer = 2.0 ** (level / 2)
-        return Resolution(
-            round(SMALL["cells"] * finer), round(SMALL["vertices"] * finer**2), round(SMALL["fluid_steps"] * finer)
-        )
-
-    monkeypatch.setattr(Resolution, "of", staticmethod(of))
+    monkeypatch.setattr(Resolution, "of", staticmethod(small_resolution))
 
 
 def film_off_by(error: float, level: int, correlation: float = CORRELATION) -> Film:
@@ -418,7 +409,7 @@ def test_a_run_that_misses_its_tolerance_replaces_its_film(
     assert [one["level"] for one in report["tolerance"]["passes"]] == [0, 2, 4]
     assert report["tolerance"]["reached"] == 0.01
     assert points_of(prepared_folder / "small.usd") == (9, report["mesh"]["vertices"])
-    assert report["mesh"]["vertices"] > 2 * SMALL["vertices"]
+    assert report["mesh"]["vertices"] > 0.9 * Resolution.of(4).vertices
     results = {"small.usd", "small.report.json", "small_contact_sheet.png", "small_texture.png"}
     assert files_in(prepared_folder) == results
     assert check_usd(prepared_folder / "small.usd") == []
