@@ -11,9 +11,12 @@ coarser, and stands beside it.
 from __future__ import annotations
 
 import argparse
+import signal
 import statistics
 import sys
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -158,8 +161,20 @@ def measure(scene: Scene, cache: Path, finer: int) -> Measured:
     )
 
 
+@contextmanager
+def interruptible() -> Iterator[None]:
+    """Let SIGTERM end what is inside as Ctrl-C does, and Ctrl-C also in the background, where it is ignored."""
+    numbers = (signal.SIGINT, signal.SIGTERM)
+    before = [signal.signal(number, signal.default_int_handler) for number in numbers]
+    try:
+        yield
+    finally:
+        for number, handler in zip(numbers, before, strict=True):
+            signal.signal(number, handler)
+
+
 def make_body(options: argparse.Namespace) -> str:
-    """The table, with what it shows; of the scenes so far where it is interrupted (Ctrl-C)."""
+    """The table, with what it shows; of the scenes so far where a signal ends it."""
     cases, tolerance, finer = (1, 0.2, LEAST_FINER) if options.quick else (options.cases, options.tolerance, FINER)
     lines = [
         "| scene | asked | level | films | its own estimate | true error | of the truth itself | estimate / truth |",
@@ -169,10 +184,10 @@ def make_body(options: argparse.Namespace) -> str:
     ended = ""
     for case in range(cases):
         rng = np.random.default_rng([options.seed, case])
-        with tempfile.TemporaryDirectory() as folder:
+        with tempfile.TemporaryDirectory() as folder, interruptible():
             photo = Path(folder) / f"leaf_{case}.png"
-            draw_photo(rng, photo)
             try:
+                draw_photo(rng, photo)
                 found.append(measure(draw_scene(rng, photo, tolerance), Path(folder), finer))
                 lines.append(found[-1].row(case))
             except LeafwarpError as error:
