@@ -3,9 +3,9 @@
 Outlines, veins, drying rates, curls, shrinking, stiffness and weight are drawn from the ranges that the scene reference
 calls usual, and so is the tolerance. The films are those that ``run`` computes, a second one included where the first
 misses. The truth is a film three levels finer than the one that was kept, so with about a third of its error, which is
-enough to tell whether an estimate is within a factor of three. It takes twenty times as long as the film; one that is
-finer by yet another level, sixty times. What it is off by itself is told from its distance to a film two levels
-coarser, and stands beside it.
+enough to tell whether an estimate is within a factor of three; of a fine film, two levels, with half of it. It takes
+twenty times as long as the film, or eight times; one that is finer by yet another level, sixty times. What it is off by
+itself is told from its distance to the film a level finer than the one that was kept, and stands beside it.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ OPTIONS = {
 TOLERANCES = (0.005, 0.02)  # least and largest that is drawn
 FINER = 3  # levels, of the film that is taken for the truth ...
 LEAST_FINER = 2  # ... and at least, where that would be finer than FINEST
-FINEST = 6
+FINEST = 5
 FACTOR = 3.0  # within which an estimate is to be of the truth
 
 
