@@ -345,8 +345,8 @@ def test_the_estimate_is_near_the_truth(small_scene: Path, scene_leaf, small_lev
 def run_small(small_scene: Path, small_levels, prepared_folder: Path):
     """Run the small scene with changes; the exit code and the report."""
 
-    def run(*changes: str, frames: str = "1:9") -> tuple[int, dict]:
-        arguments = ["run", str(small_scene), "-o", str(prepared_folder), "-f", frames, "--overwrite"]
+    def run(*changes: str, frames: str = "1:9", options: tuple[str, ...] = ()) -> tuple[int, dict]:
+        arguments = ["run", str(small_scene), "-o", str(prepared_folder), "-f", frames, "--overwrite", *options]
         for change in ("fluid.step=900", *changes):
             arguments += ["--set", change]
         code = main(arguments)
@@ -399,9 +399,9 @@ def files_in(folder: Path) -> set[str]:
 
 
 def test_a_run_that_misses_its_tolerance_replaces_its_film(
-    run_small, films_miss, prepared_folder: Path, capsys
+    small_scene: Path, run_small, films_miss, prepared_folder: Path, capsys
 ) -> None:
-    code, report = run_small("tolerance=0.1", "output.contact_sheet=true")
+    code, report = run_small("tolerance=0.1", "output.contact_sheet=true", options=("--maps",))
     said = capsys.readouterr().err
     assert code == 0
     assert "film of level 0: its shape is off by about 30 % of the length, more than 10 %: once more at level 2" in said
@@ -411,7 +411,9 @@ def test_a_run_that_misses_its_tolerance_replaces_its_film(
     assert points_of(prepared_folder / "small.usd") == (9, report["mesh"]["vertices"])
     assert report["mesh"]["vertices"] > 0.9 * Resolution.of(4).vertices
     results = {"small.usd", "small.report.json", "small_contact_sheet.png", "small_texture.png"}
-    assert files_in(prepared_folder) == results
+    maps = {f"small.{name}.png" for name in load_scene(small_scene).map_names}
+    assert files_in(prepared_folder) == results | maps and maps
+    assert report["map"][0] >= Resolution.of(3).cells
     assert check_usd(prepared_folder / "small.usd") == []
 
 
