@@ -4,16 +4,18 @@ from __future__ import annotations
 
 import json
 import os
+import shutil
 import signal
 import sys
 import time
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from leafwarp import __version__
-from leafwarp.errors import InputError, LeafwarpError, OutputError
+from leafwarp.errors import InputError, LeafwarpError, OutputError, SimulationError
 from leafwarp.files import check_result, texture_path, write_text
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.progress import Progress
@@ -24,7 +26,7 @@ from leafwarp.stopwatch import Stopwatch
 if TYPE_CHECKING:
     from leafwarp.leaf.leaf import Leaf
     from leafwarp.sim.simulation import Simulation
-    from leafwarp.study.tolerance import Choice, Watcher
+    from leafwarp.study.tolerance import Choice, Search, Watcher
     from leafwarp.usd.writer import UsdWriter
 
 CACHE_FOLDER = ".leafwarp-cache"
@@ -51,6 +53,42 @@ class OutputPaths:
     def map(self, name: str) -> Path:
         """Picture of a map."""
         return self.usd.with_name(f"{self.usd.stem}.{name}.png")
+
+    @contextmanager
+    def replaced_when_whole(self) -> Iterator[OutputPaths]:
+        """Results in a folder of their own beside these, which they replace at the end of the block; an exception
+        inside leaves these as they are.
+
+        Raises:
+            OutputError: The folder cannot be made, or a result cannot be replaced.
+        """
+        folder = self.usd.with_name(f".{self.usd.name}.finer")
+        aside = replace(
+            self,
+            usd=folder / self.usd.name,
+            report=folder / self.report.name,
+            contact_sheet=folder / self.contact_sheet.name,
+        )
+        shutil.rmtree(folder, ignore_errors=True)  # what a run that was killed has left
+        try:
+            folder.mkdir()
+        except OSError as error:
+            raise OutputError(f"{folder}: cannot be made: {error.strerror}") from None
+        try:
+            yield aside
+            aside._move_to(self.usd.parent)
+        finally:
+            shutil.rmtree(folder, ignore_errors=True)
+
+    def _move_to(self, folder: Path) -> None:
+        """Replace what is in another folder, the USD after what it refers to, and the report last."""
+        last = (self.usd, self.report)
+        others = sorted(file for file in self.usd.parent.iterdir() if file not in last)
+        for file in (*others, *last):
+            try:
+                file.replace(folder / file.name)
+            except OSError as error:
+                raise OutputError(f"{folder / file.name}: cannot be replaced: {error.strerror}") from None
 
 
 def output_paths(scene: Scene, output: Path) -> OutputPaths:
@@ -102,9 +140,36 @@ def make_output_folder(scene: Scene, paths: OutputPaths, overwrite: bool, maps: 
 class Interrupted(LeafwarpError):
     """The user or the system asked to stop; the frame under way was finished first."""
 
-    def __init__(self, signal_number: int, frame: int):
-        super().__init__(f"stopped by {signal.Signals(signal_number).name} after frame {frame}; its frames are kept")
+    def __init__(self, signal_number: int, moment: str, kept: str = "its frames are kept"):
+        super().__init__(f"stopped by {signal.Signals(signal_number).name} {moment}; {kept}")
+        self.signal_number = signal_number
         self.exit_code = 128 + signal_number
+
+
+@dataclass(frozen=True)
+class _Run:
+    """What is the same for every film of a run, as :func:`run_scene` takes it; ``begin`` is when it began [s]."""
+
+    device: str
+    frames: range
+    maps: bool
+    progress_level: int
+    signals: Sequence[int]
+    begin: float
+
+    def say(self, text: str) -> None:
+        """Tell the user."""
+        if self.progress_level >= 0:
+            print(text, file=sys.stderr, flush=True)
+
+    def stop_where_asked(self) -> None:
+        """End the run at a signal that came while a coarse film is computed, which is not written.
+
+        Raises:
+            Interrupted: A signal asked to stop.
+        """
+        if self.signals:
+            raise Interrupted(self.signals[0], "in a coarse film", "there is no film yet")
 
 
 def run_scene(
@@ -139,64 +204,99 @@ def run_scene(
         OutputError: A result cannot be written; frames written before are kept.
         Interrupted: A signal asked to stop; the frame under way was finished.
     """
-    from leafwarp.sim.compilation import Compilation
     from leafwarp.sim.launch import check_device
 
     begin = time.perf_counter()
-    watch = Stopwatch()
     device = check_device(device)
     make_output_folder(scene, paths, overwrite, maps)
-    choice = None
+    frames = frames or range(1, scene.time.frames + 1)
+    run = _Run(device, frames, maps, progress_level, signals, begin)
     if scene.tolerance is not None:
-        with watch("tolerance"):
-            choice = _choose_resolution(scene, paths, device, progress_level, signals)
+        return _run_within_tolerance(scene, paths, run)
+    return _run_film(scene, paths, run)
+
+
+def _run_within_tolerance(scene: Scene, paths: OutputPaths, run: _Run) -> dict[str, Any]:
+    """Run a scene as coarsely as its tolerance allows; again, finer, where the film misses it.
+
+    Of several films each replaces the one before it when it is whole. One that cannot be computed leaves that as it is.
+
+    Returns:
+        The report, also written beside the USD.
+
+    Raises:
+        SimulationError: A coarse film or the first film cannot be computed.
+        Interrupted: A signal asked to stop.
+    """
+    from leafwarp.study.tolerance import Search
+
+    search = Search(scene, paths.cache, run.device, run.say, run.stop_where_asked)
+    report = _run_film(scene, paths, run, (search, search.first()))
+    try:
+        while (finer := search.finer()) is not None:
+            with paths.replaced_when_whole() as aside:
+                report = _run_film(scene, aside, run, (search, finer))
+    except Interrupted as stop:
+        raise Interrupted(stop.signal_number, "before a finer film was whole", "the one before it is kept") from None
+    except (SimulationError, InputError) as error:
+        search.fail(str(error))
+    report["tolerance"] = search.report()
+    report["seconds"]["total"] = time.perf_counter() - run.begin
+    _write_report(report, paths)
+    return report
+
+
+def _run_film(
+    scene: Scene, paths: OutputPaths, run: _Run, within: tuple[Search, Choice] | None = None
+) -> dict[str, Any]:
+    """Compute a film and write its results.
+
+    Args:
+        scene: The scene.
+        paths: Where the results go.
+        run: What is asked for.
+        within: What a tolerance made of the scene, and the search that did so.
+
+    Returns:
+        The report, also written beside the USD.
+    """
+    from leafwarp.sim.compilation import Compilation
+
+    watch = Stopwatch()
+    if within is not None:
+        search, choice = within
         scene = choice.scene
-    with Compilation(scene, device) as compilation:
+        watch.seconds["tolerance"] = time.perf_counter() - run.begin
+    with Compilation(scene, run.device) as compilation:
         with watch("prepare"):
             leaf = prepare_scene_leaf(scene, paths.cache)
-            if maps:
+            if run.maps:
                 save_maps(leaf, paths.usd.parent, paths.usd.stem)
         with watch("compile"):
             _import_what_follows()
             compilation.wait()
-        frames = frames or range(1, scene.time.frames + 1)
-        watcher = None if choice is None else choice.watcher(leaf)
-        simulation, frame_seconds, failure = _simulate(
-            scene, leaf, device, paths, frames, watch, progress_level, signals, watcher
-        )
+        watcher = None if within is None else search.watcher(leaf)
+        simulation, frame_seconds, failure = _simulate(scene, leaf, paths, run, watch, watcher)
         sheet = simulation.stage("contact_sheet")
         if sheet is not None:
             with watch("contact_sheet_draw"):
                 compilation.finish()
                 sheet.save(paths.contact_sheet)
     seconds = watch.seconds | simulation.watch.seconds
-    report = make_report(simulation, seconds, frame_seconds, time.perf_counter() - begin)
+    report = make_report(simulation, seconds, frame_seconds, time.perf_counter() - run.begin)
     report["leaf"] = _leaf_report(leaf)
-    report["tolerance"] = None if watcher is None else watcher.report()
-    write_text(paths.report, json.dumps(report, indent=1) + "\n")
+    report["tolerance"] = None
+    if within is not None:
+        search.take(choice, watcher.film())
+        report["tolerance"] = search.report()
+    _write_report(report, paths)
     if failure is not None:
         raise failure
     return report
 
 
-def _choose_resolution(
-    scene: Scene, paths: OutputPaths, device: str, progress_level: int, signals: Sequence[int]
-) -> Choice:
-    """Find what the scene's tolerance takes, by coarse films.
-
-    Raises:
-        SimulationError: A coarse film cannot be computed.
-        Interrupted: A signal asked to stop.
-    """
-    from leafwarp.study.tolerance import choose_resolution
-
-    def say(text: str) -> None:
-        if progress_level >= 0:
-            print(text, file=sys.stderr, flush=True)
-        if signals:
-            raise Interrupted(signals[0], 0)
-
-    return choose_resolution(scene, paths.cache, device, say)
+def _write_report(report: dict[str, Any], paths: OutputPaths) -> None:
+    write_text(paths.report, json.dumps(report, indent=1) + "\n")
 
 
 def _import_what_follows() -> None:
@@ -206,15 +306,7 @@ def _import_what_follows() -> None:
 
 
 def _simulate(
-    scene: Scene,
-    leaf: Leaf,
-    device: str,
-    paths: OutputPaths,
-    frames: range,
-    watch: Stopwatch,
-    progress_level: int,
-    signals: Sequence[int],
-    watcher: Watcher | None,
+    scene: Scene, leaf: Leaf, paths: OutputPaths, run: _Run, watch: Stopwatch, watcher: Watcher | None
 ) -> tuple[Simulation, list[float], LeafwarpError | None]:
     """Compute the frames and write the USD; a watcher sees each of them.
 
@@ -224,15 +316,15 @@ def _simulate(
     from leafwarp.sim.simulation import Simulation
     from leafwarp.usd.writer import UsdWriter
 
-    simulation = Simulation(scene, leaf, device)
+    simulation = Simulation(scene, leaf, run.device)
     sheet = simulation.stage("contact_sheet")
     if sheet is not None:
-        sheet.start(frames[0], frames[-1])
+        sheet.start(run.frames[0], run.frames[-1])
     writer = UsdWriter(
         paths.usd,
         leaf,
         simulation.read_frame(0),
-        frames=frames,
+        frames=run.frames,
         fps=scene.time.fps,
         display_color=scene.output.display_color,
         up_axis=scene.output.up_axis,
@@ -241,8 +333,7 @@ def _simulate(
     frame_seconds: list[float] = []
     failure: LeafwarpError | None = None
     try:
-        progress = Progress(frames[-1], progress_level)
-        _run_frames(simulation, writer, frames, watch, frame_seconds, progress, signals, watcher)
+        _run_frames(simulation, writer, run, watch, frame_seconds, watcher)
     except OutputError:
         raise
     except LeafwarpError as error:
@@ -294,19 +385,18 @@ def _leaf_report(leaf: Leaf) -> dict[str, Any]:
 def _run_frames(
     simulation: Simulation,
     writer: UsdWriter,
-    frames: range,
+    run: _Run,
     watch: Stopwatch,
     frame_seconds: list[float],
-    progress: Progress,
-    signals: Sequence[int],
     watcher: Watcher | None,
 ) -> None:
     """Compute all frames and write those asked for; the time of each is appended to ``frame_seconds``."""
+    progress = Progress(run.frames[-1], run.progress_level)
     sheet = simulation.stage("contact_sheet")
     lap = time.perf_counter()
     try:
-        for frame in simulation.frames(frames[-1]):
-            if frame.index in frames:
+        for frame in simulation.frames(run.frames[-1]):
+            if frame.index in run.frames:
                 with watch("usd"):
                     writer.write(frame)
             if sheet is not None:
@@ -318,7 +408,7 @@ def _run_frames(
             frame_seconds.append(now - lap)
             progress.step(frame.index, now - lap)
             lap = now
-            if signals:
-                raise Interrupted(signals[0], frame.index)
+            if run.signals:
+                raise Interrupted(run.signals[0], f"after frame {frame.index}")
     finally:
         progress.close()

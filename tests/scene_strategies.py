@@ -17,6 +17,7 @@ from hypothesis import strategies as st
 
 from leafwarp.errors import InputError
 from leafwarp.scene import Scene
+from leafwarp.scene.quality import DECIDED, Resolution
 from leafwarp.scene.warnings import USUAL
 
 SCHEMA = Scene.model_json_schema()
@@ -79,6 +80,15 @@ MOST_COUPLINGS = 12
 LENGTH_IN_PIXELS = 70.0  # of the leaf in the picture, at least
 SHARES = st.integers(0, 1000).map(lambda count: count / 1000)  # floats would be 0 or 1 too often
 SMALLEST, LARGEST = 1e-12, 1e15  # where a bound is 0 or there is none
+# Cells across, vertices and fluid steps of the coarsest level, instead of the product's.
+SMALL_LEVEL = (10, 40, 12)
+
+
+def small_resolution(level: int) -> Resolution:
+    """A level that is coarser than the product's, to be put in the place of :meth:`Resolution.of`."""
+    finer = 2.0 ** (level / 2)
+    cells, vertices, fluid_steps = SMALL_LEVEL
+    return Resolution(round(cells * finer), round(vertices * finer**2), round(fluid_steps * finer))
 
 
 def numbers(low: float, high: float, near: tuple[float, float] | None, extreme: float) -> st.SearchStrategy[float]:
@@ -208,6 +218,8 @@ def scenes(draw: st.DrawFn, image: str) -> Scene:
         data["stomata"] = draw(table("stomata", extreme))
         del data["transpiration"]
     make_valid(data)
+    if "leaves" not in data and draw(SHARES) < 0.3:
+        _leave_to_decide(draw, data)
     data["leaf"]["image"] = image
     while True:
         try:
@@ -217,6 +229,17 @@ def scenes(draw: st.DrawFn, image: str) -> Scene:
             unused = str(error).partition("maps.")[2].partition(" is given")[0]
             if data["maps"].pop(unused, None) is None:
                 reject()
+
+
+def _leave_to_decide(draw: st.DrawFn, data: dict[str, Any]) -> None:
+    """Leave out some of the keys that a quality or a tolerance decides, and give one."""
+    for key in draw(st.sets(st.sampled_from(DECIDED), min_size=1)):
+        name, _, value = key.partition(".")
+        data.get(name, {}).pop(value, None)
+    if draw(st.booleans()):
+        data["quality"] = "draft"
+    else:
+        data["tolerance"] = draw(st.sampled_from((1e-4, 1e-3, 0.1)))
 
 
 def make_valid(data: dict[str, Any]) -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import argparse
 import itertools
 import re
+import signal
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import benchmarks.results as results
+from benchmarks import tolerance
 from benchmarks.__main__ import ALL, BENCHMARKS, main
 from benchmarks.fluid import CONTENDERS, OURS, STREAM
 from benchmarks.timing import Timing, exponent, round_robin
@@ -115,6 +118,28 @@ def test_tolerance(capsys: pytest.CaptureFixture) -> None:
     estimate, truth = (float(row[name].rstrip("%")) for name in ("its own estimate", "true error"))
     assert 0.0 < truth < 20.0
     assert float(row["estimate / truth"]) == pytest.approx(estimate / truth, rel=0.05)
+    assert int(row["films"]) == 1 and float(row["of the truth itself"].rstrip("%")) > 0.0
+
+
+def test_tolerance_counts_what_is_kept_and_keeps_its_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One within it, one only if the truth is exact, one not; then a signal."""
+    measured = [(0.01, 0.007, 0.002), (0.01, 0.009, 0.002), (0.01, 0.031, 0.002)]
+    films = iter(tolerance.Measured(asked, 2, 1, 0.01, error, own) for asked, error, own in measured)
+
+    def measure(*_) -> tolerance.Measured:
+        film = next(films, None)
+        if film is None:
+            signal.raise_signal(signal.SIGTERM)
+        return film
+
+    for name in ("draw_photo", "draw_scene"):
+        monkeypatch.setattr(tolerance, name, lambda *_: None)
+    monkeypatch.setattr(tolerance, "measure", measure)
+    body = tolerance.make_body(argparse.Namespace(quick=False, cases=10, tolerance=None, seed=1))
+    assert "within the tolerance in 2 of 3 scenes, in 1 also where" in body
+    assert "within a factor of 3 of the truth in 2 (median ratio 1.11)" in body
+    assert "Interrupted after 3 of 10 scenes." in body
+    assert [line.split(" | ")[0] for line in body.splitlines()[-3:]] == ["| 0", "| 1", "| 2"]
 
 
 def test_startup(capsys: pytest.CaptureFixture) -> None:
