@@ -76,6 +76,7 @@ SMALL: dict[str, st.SearchStrategy] = {
 LEFT_OUT = {"leaf.image", "leaf.mask", "leaf.rect", "leaf.base", "maps.venation", "maps.stomata", "maps.source",
             "leaves.photos"}  # fmt: skip
 MOST_FLUID_STEPS = 40
+MOST_LONGEST_STEPS, LEAST_STEP_TOLERANCE = 4, 1e-3  # where steps adapt
 MOST_COUPLINGS = 12
 LENGTH_IN_PIXELS = 70.0  # of the leaf in the picture, at least
 SHARES = st.integers(0, 1000).map(lambda count: count / 1000)  # floats would be 0 or 1 too often
@@ -270,7 +271,13 @@ def make_valid(data: dict[str, Any]) -> None:
 
 def _make_water_valid(data: dict[str, Any]) -> None:
     if "fluid" in data:
-        data["fluid"]["step"] = max(data["time"]["duration"] / MOST_FLUID_STEPS, data["fluid"].get("step", 60.0))
+        fluid, most = data["fluid"], MOST_FLUID_STEPS
+        if any(data.get(name, {}).get("plastic_set", 0.0) > 0.0 for name in ("shrink", "curl", "material")):
+            fluid.pop("step_tolerance", None)
+        if "step_tolerance" in fluid:
+            fluid |= {"order": 2, "step_tolerance": max(LEAST_STEP_TOLERANCE, fluid["step_tolerance"])}
+            most = MOST_LONGEST_STEPS
+        fluid["step"] = max(data["time"]["duration"] / most, fluid.get("step", 60.0))
     if "water" in data:
         data["water"]["curve"].sort()
     if "transpiration" in data:
