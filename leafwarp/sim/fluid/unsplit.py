@@ -144,7 +144,8 @@ class UnsplitDiffusion(Stage):
         mask = self.leaf.mask
         self._time_step = FluidSteps.of(self.scene).length
         self._conductance = leaf_conductance(self.scene, self.leaf, self._time_step)
-        system = self._upload_system()
+        system = self._upload_faces()
+        self._cycle.upload_mass(state)
         length, segments = thread_blocks(state.lanes("water").shape[1], state)
         self._dim = (segments, mask.shape[0])
         self._threads = ["level_0_span", length]
@@ -159,24 +160,25 @@ class UnsplitDiffusion(Stage):
         self._is_begun = False
         self._forget()
 
-    def _upload_system(self) -> System:
-        """Fill what depends on the length of the step, without a source."""
+    def _upload_faces(self) -> System:
+        """Fill what the cells exchange in a step."""
         beta_x, beta_y = (self._time_step * faces for faces in (self._conductance.x, self._conductance.y))
         system = System(self.leaf.mask.astype(np.float64), beta_x, beta_y)
         self._cycle.upload_faces(self._state, system)
-        self._cycle.upload_mass(self._state)
         return system
 
     def set_time_step(self, seconds: float) -> None:
         self._time_step = seconds
         self._is_begun = False
-        if self._supply is not None:
-            self._supply.opening.set_time_step(seconds)
-        if self.system is not None:
+        if self.system is None:
+            self._upload_faces()
+            self._forget()
+        else:
             self._take_factor()
-            return
-        self._forget()
-        self._upload_system()
+        if self._supply is not None:
+            self._supply.opening.set_time_step(seconds)  # the next step makes the rest of the system
+        elif self.system is None:
+            self._cycle.upload_mass(self._state)
 
     def _record_step(self, state: State, coupled_count: float) -> None:
         dim, threads, record, lanes = self._dim, self._threads, state.record, state.lanes
@@ -361,7 +363,8 @@ class UnsplitDiffusion(Stage):
             _run(step.settle)
             self._iterate(step)
             before, found = found, self._state["unsplit_change"].numpy().copy()
-            off = float(np.linalg.norm(found.astype(np.float64) - before))
+            # Not by a norm of BLAS, whose threads would wait for each other longer than this takes.
+            off = math.sqrt(float(np.square(found.astype(np.float64) - before).sum()))
             if off <= limit:
                 self._upload_bounds()
                 return
