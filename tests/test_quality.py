@@ -527,3 +527,18 @@ def test_the_schema_knows_both(small_scene: Path) -> None:
     properties = Scene.model_json_schema()["properties"]
     assert set(properties["quality"]["anyOf"][0]["enum"]) == set(QUALITIES)
     assert properties["tolerance"]["anyOf"][0]["maximum"] == 0.5
+
+
+@pytest.mark.parametrize("curl", [{}, {"curl": {"plastic_set": 0.2}}], ids=["no curl", "a curl of the material"])
+def test_a_quality_decides_maps_that_only_the_material_asks_for(curl: dict) -> None:
+    """Of prescribed water no map is needed but for the veins, which a material makes stiffer."""
+    data = {
+        "quality": "draft",
+        "leaf": {"image": "leaf.png", "length": 0.1},
+        "time": {"duration": 3600.0},
+        "water": {"curve": [[0.0, 1.0], [3600.0, 0.3]]},
+        "material": {"preset": "tree"},
+    }
+    scene = Scene.checked(data | curl, "scene.toml")
+    assert scene.map_names and scene.maps.shape == (96, 96) and scene.mesh.vertices == 150
+    assert scene.curl.mismatch is not None

@@ -30,9 +30,6 @@ def derived_tables(scene: Scene) -> dict[str, Table | None]:
     """
     tables: dict[str, Table | None] = {}
     structure = scene.structure
-    level = QUALITIES.get(scene.quality, QUALITIES["balanced"] if scene.tolerance is not None else None)
-    if level is not None:
-        tables |= _resolved(scene, Resolution.of(level))
     if scene.material is not None:
         material = scene.material
         structure = _filled("structure", structure, material)
@@ -50,6 +47,9 @@ def derived_tables(scene: Scene) -> dict[str, Table | None]:
         table = tables.get(name, getattr(scene, name))
         if table is not None and getattr(table, key) is None:
             raise ValueError(f"{name}.{key}: missing; give it, or a [material] that it follows from")
+    level = QUALITIES.get(scene.quality, QUALITIES["balanced"] if scene.tolerance is not None else None)
+    if level is not None:
+        tables |= _resolved(scene.model_copy(update=tables), Resolution.of(level))
     if tables.get("motion", scene.motion).method != "explicit":
         tables["solver"] = _in_double_precision(scene)
     if scene.fluid is not None:
