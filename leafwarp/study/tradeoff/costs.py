@@ -16,7 +16,7 @@ STEP_COSTS = {"split": 1.0, "unsplit": 6.0}
 STEP_EXPONENTS = {"split": 0.0, "unsplit": 0.25}
 DOUBLE = 1.5
 # A step of second order is taken once whole and once in halves; where steps adapt, there are more than of the longest.
-SECOND_ORDER, ADAPTIVE = 3.0, 3.0
+SECOND_ORDER, ADAPTIVE = 3.0, 4.0
 # The sparse factor that double precision takes: over conjugate gradients, and its growth with the cells.
 FACTOR, FACTOR_EXPONENT = 4.0, 1.25
 # Explicit motion takes shorter steps on a finer mesh, and Newton's method factors with more fill.

@@ -15,9 +15,9 @@ LEAST_CELLS = 16
 VERTICES = (60, 30_000)
 MAP_FACTORS = (0.25, 0.5, 2.0, 4.0)
 STEP_FACTORS = (0.25, 4.0, 16.0)
-# Of steps of second order, and of the longest of those that adapt to a tolerance.
+# Of steps of second order; and the longest of those that adapt to a tolerance, over the plant time.
 SECOND_ORDER_FACTORS = (1.0, 4.0, 16.0)
-LONGEST_FACTOR = 64.0
+LONGEST = 1.0 / 16.0
 STEP_TOLERANCES = (1e-2, 1e-3)
 VERTEX_FACTORS = (0.125, 0.25, 0.5, 2.0)
 # Of the plant time between two frames.
@@ -184,8 +184,7 @@ def single_changes(scene: Scene) -> Iterator[Setting]:
             for factor in SECOND_ORDER_FACTORS:
                 yield fluid.with_(fluid_step=min(factor * base.fluid_step, duration), order=2, step_tolerance=None)
             if scheme != "split" and not scene.keeps_a_set:
-                longest = min(LONGEST_FACTOR * base.fluid_step, duration)
-                adaptive = fluid.with_(fluid_step=longest, order=2)
+                adaptive = fluid.with_(fluid_step=LONGEST * duration, order=2)
                 yield from (adaptive.with_(step_tolerance=tolerance) for tolerance in STEP_TOLERANCES)
     fewest, most = VERTICES
     for factor in VERTEX_FACTORS:
