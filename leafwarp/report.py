@@ -130,14 +130,18 @@ def _fluid_report(simulation: Simulation) -> dict[str, Any]:
         "steps": fluid.steps_done,
         "steps_skipped": fluid.steps_skipped,
         "steps_repeated": fluid.steps_repeated,
+        "steps_over_tolerance": fluid.steps_over_tolerance,
         "step_seconds": fluid.steps.length,
         "shortest_step_seconds": fluid.shortest_step,
         "ledger": {**asdict(ledger), "error": ledger.error},
     }
-    iterative, factored = simulation.stage("unsplit_diffusion"), simulation.stage("factored_diffusion")
-    if iterative is not None:
-        report["solver_iterations"] = {"most": iterative.most_iterations, "total": iterative.iterations}
-    for stage in (iterative, factored):
-        if stage is not None and stage.system is not None:
-            report["solves"] = {"most": stage.system.most_solves, "total": stage.system.solves}
+    halves = simulation.stage("half_steps")
+    stages = [*simulation.plan.groups["fluid"], *(halves.stages if halves is not None else ())]
+    iterative = [stage for stage in stages if stage.name == "unsplit_diffusion"]
+    if iterative:
+        most, total = max(s.most_iterations for s in iterative), sum(s.iterations for s in iterative)
+        report["solver_iterations"] = {"most": most, "total": total}
+    systems = [s.system for s in stages if s.name in ("unsplit_diffusion", "factored_diffusion") and s.system]
+    if systems:
+        report["solves"] = {"most": max(s.most_solves for s in systems), "total": sum(s.solves for s in systems)}
     return report

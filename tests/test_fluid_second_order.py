@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from fluid_sample import SCHEMES, Sample, ellipse, exchange_matrices, make_sample, make_scene
-from leafwarp.errors import InputError
+from fluid_sample import SCHEMES, Sample, ellipse, exchange_matrices, make_sample, make_scene, petiole_leaf
+from leafwarp.errors import InputError, SimulationError
 from leafwarp.leaf.leaf import Leaf, MapFrame
 from leafwarp.scene import Scene
 from leafwarp.sim.fluid.second_order import step_error
-from leafwarp.sim.fluid.steps import HALF_STEP
+from leafwarp.sim.fluid.steps import HALF_STEP, FluidSteps
 from leafwarp.sim.plan import make_stages
 
 SIZE = (12, 10)
@@ -147,6 +147,58 @@ def test_what_changes_nothing_changes_no_bit(scheme: str, device: str, precision
     assert sample.fluid.steps_skipped > 0
 
 
+def half_losing(order: int, count: int, device: str, precision: str, scheme: str, content: float = 1.0, **table):
+    """A leaf of which one half transpires, at the end of 6000 s in so many steps."""
+    mask = ellipse(24)
+    fluid = {"step": 6000.0 / count, "scheme": scheme, "lamina_diffusivity": 1e-9, "vein_diffusivity": 1e-9}
+    tables = {
+        "fluid": fluid | {"order": order} | table,
+        "transpiration": {"rate": 1e-4},
+        "time": {"duration": 6000.0, "frames": 2},
+    }
+    maps = {"water": content * mask, "stomata": mask * (np.indices(mask.shape)[0] > 12)}
+    sample = make_sample(tables, mask, maps, device=device, precision=precision)
+    sample.fluid.advance(6000.0)
+    return sample
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+@pytest.mark.parametrize("content", [0.6, 1.0])
+def test_rounding_leaves_the_order_alone(scheme: str, content: float, device: str) -> None:
+    """0.6 is less than its float32, and errors of a step are less than what iterations may leave."""
+    truth = half_losing(2, 1500, device, "float64", scheme, content).water
+    first, second = (
+        np.linalg.norm(half_losing(order, 100 * (3 - order), device, "float32", scheme, content).water - truth)
+        for order in (1, 2)
+    )
+    assert second < 0.25 * first
+
+
+@pytest.mark.parametrize("supply", [0.3, 0.6])
+def test_a_leaf_as_wet_as_its_supply_keeps_its_ledger(supply: float, device: str) -> None:
+    mask = ellipse(24)
+    row = np.indices(mask.shape)[0]
+    tables = {
+        "fluid": {"step": 60.0, "lamina_diffusivity": 1e-10, "vein_diffusivity": 1e-10, "order": 2},
+        "transpiration": {"rate": 1e-6},
+        "source": {"conductance": 1.0, "supply": supply},
+        "time": {"duration": 60.0 * 2000, "frames": 2},
+    }
+    maps = {"water": supply * mask, "stomata": mask * (row > 18), "source": mask * (row < 3)}
+    sample = make_sample(tables, mask, maps, device=device)
+    sample.fluid.advance(60.0 * 2000)
+    assert abs(sample.fluid.ledger().error) < 1e-6
+
+
+def test_as_many_steps_are_accepted_as_their_halves_allow() -> None:
+    fluid = {"step": 1.0, "order": 2}
+    assert FluidSteps.of(make_scene({"fluid": fluid, "time": {"duration": 4.9e6, "frames": 2}})).count == 4_900_000
+    with pytest.raises(
+        InputError, match=r"step = 1 s: 6e\+06 steps .* accepted: at most 5000000, a step of 1.2 s"
+    ):
+        FluidSteps.of(make_scene({"fluid": fluid, "time": {"duration": 6e6, "frames": 2}}))
+
+
 # Steps that adapt.
 
 
@@ -247,6 +299,61 @@ def test_every_scheme_adapts(scheme: str, device: str, precision: str) -> None:
     assert error < 2e-3
     assert 2 < sample.fluid.steps_done < 200 and sample.fluid.steps_repeated > 0
     assert abs(sample.fluid.ledger().error) <= LEDGER[precision]
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_a_leaf_that_is_dry_at_the_end_of_a_step_dries_at_its_rate(scheme: str, device: str) -> None:
+    mask = ellipse(12)
+    tables = {
+        "fluid": {"step": 3600.0, "scheme": scheme, "lamina_diffusivity": 1e-9, "vein_diffusivity": 1e-9, "order": 2},
+        "transpiration": {"rate": 1e-2, "cuticle_rate": 1e-2},
+        "time": {"duration": 3600.0, "frames": 2},
+    }
+    tables["fluid"]["step_tolerance"] = 1e-3
+    sample = make_sample(tables, mask, device=device, precision="float64")
+    for moment in (20.0, 60.0, 95.0, 120.0):
+        sample.fluid.advance(moment)
+        now = sample.state["water_now"].numpy()[mask]
+        np.testing.assert_allclose(now, max(0.0, 1.0 - 1e-2 * moment), atol=0.01)
+
+
+def test_a_step_that_no_solver_ends_is_taken_shorter(device: str) -> None:
+    mask, maps = petiole_leaf(32, "diagonal")
+    fluid = {"step": 3600.0, "scheme": "unsplit", "vein_diffusivity": 1e8, "tolerance": 1e-7}
+    tables = {
+        "fluid": fluid | {"order": 2, "step_tolerance": 1e-3},
+        "transpiration": {"rate": 1e-4, "cuticle_rate": 1e-4},
+        "source": {"conductance": 1e-2, "cut_at": 5000.0},
+        "time": {"duration": 7200.0, "frames": 2},
+    }
+    sample = make_sample(tables, mask, maps, device=device)
+    equal = make_sample(tables | {"fluid": fluid | {"order": 2}}, mask, maps, device=device)
+    with pytest.raises(SimulationError, match="after 12 solves the error is"):
+        equal.fluid.advance(7200.0, 2)
+    sample.fluid.advance(7200.0, 2)
+    assert sample.fluid.steps_over_tolerance == 0 and abs(sample.fluid.ledger().error) < 3e-6
+
+
+def test_a_part_of_a_step_is_no_rest(device: str) -> None:
+    """The source opens within a step, at rest until then: the look at which the water moves is not one of rest."""
+    mask = ellipse(24)
+    table = {"step": 100.0, "lamina_diffusivity": 0.0, "vein_diffusivity": 0.0, "order": 2, "step_tolerance": 1e-3}
+    tables = {
+        "fluid": table,
+        "source": {"conductance": 1e-2, "cut_at": 0.0, "rewatered_at": 160.0},
+        "time": {"duration": 3000.0, "frames": 2},
+    }
+    maps = {"water": 0.5 * mask, "source": mask * (np.indices(mask.shape)[0] < 3)}
+    sample = make_sample(tables, mask, maps, device=device, precision="float64")
+    before, moved = 0.5, 0
+    for look in range(1, 301):
+        sample.fluid.advance(10.0 * look, look)
+        now = float(sample.state["water_now"].numpy()[mask].mean())
+        assert now == before or not sample.fluid.is_at_rest, look
+        moved += now != before
+        before = now
+        sample.fluid.check(look)
+    assert moved > 10
 
 
 def test_a_tolerance_needs_what_tells_the_error() -> None:

@@ -33,7 +33,8 @@ DIFFERENCE = wp.constant(2)
 BELOW = wp.constant(3)
 ABOVE = wp.constant(4)
 BEND_SQUARED = wp.constant(5)
-SUM_COUNT = 6
+BEFORE_SQUARED = wp.constant(6)
+SUM_COUNT = 7
 
 # What is told of a step.
 WEIGHT = wp.constant(0)
@@ -60,7 +61,7 @@ def compare_halves(
         segment_length: Blocks of a thread.
         least: Least content that a cell can hold.
         most: Greatest content that a cell can hold.
-        row_sum_out: All but :data:`BEND_SQUARED` is written, shape [SUM_COUNT, segment, ny].
+        row_sum_out: Written but for what :func:`compare_middle` writes, shape [SUM_COUNT, segment, ny].
     """
     segment, row = wp.tid()
     # Each a variable of its own: one that two names share would not be added to.
@@ -94,23 +95,25 @@ def compare_middle(
     # outputs:
     row_sum_out: wp.array3d[wp.float64],
 ):
-    """Sum over each segment of the rows of how far the middle of a step is from a straight line.
+    """Sums over each segment of the rows: how far the middle of a step is from a straight line, and of the start.
 
     Args:
         before: Contents before the step, shape [ny, block].
         middle: After half of it, shape [ny, block].
         halves: After both halves, shape [ny, block].
         segment_length: Blocks of a thread.
-        row_sum_out: Written at :data:`BEND_SQUARED`, shape [SUM_COUNT, segment, ny].
+        row_sum_out: Written at :data:`BEND_SQUARED` and :data:`BEFORE_SQUARED`, shape [SUM_COUNT, segment, ny].
     """
     segment, row = wp.tid()
-    bend_squared = wp.float64(0.0)
+    bend_squared, before_squared = wp.float64(0.0), wp.float64(0.0)
     for block in range(segment * segment_length, wp.min((segment + 1) * segment_length, before.shape[1])):
         first, second, third = before[row, block], middle[row, block], halves[row, block]
         for lane in range(LANES):
             bend = wp.float64(second[lane]) - wp.float64(0.5) * (wp.float64(first[lane]) + wp.float64(third[lane]))
             bend_squared += bend * bend
+            before_squared += wp.float64(first[lane]) * wp.float64(first[lane])
     row_sum_out[BEND_SQUARED, segment, row] = bend_squared
+    row_sum_out[BEFORE_SQUARED, segment, row] = before_squared
 
 
 @wp.func
@@ -138,8 +141,8 @@ def judge_step(
         row_sum: Of :func:`compare_halves`, shape [SUM_COUNT, segment, ny].
         share_below: How much may be held at the least content, over the sum of ``|e|``.
         share_above: How much may be held at the greatest content, likewise.
-        told_out: 1 or 0, and the norm of ``e``, or that of the bend if it is larger, over that of the contents, shape
-            [TOLD_COUNT].
+        told_out: 1 or 0, and the norm of ``e``, or that of the bend if it is larger, over that of the contents after
+            the step, or before it if that is larger, shape [TOLD_COUNT].
     """
     difference = total(row_sum, DIFFERENCE)
     weight = wp.float64(0.0)
@@ -147,7 +150,7 @@ def judge_step(
         weight = wp.float64(1.0)
     told_out[WEIGHT] = weight
     told_out[ERROR] = wp.float64(0.0)
-    content = total(row_sum, CONTENT_SQUARED)
+    content = wp.max(total(row_sum, CONTENT_SQUARED), total(row_sum, BEFORE_SQUARED))
     if content > wp.float64(0.0):
         error_squared = wp.max(total(row_sum, DIFFERENCE_SQUARED), total(row_sum, BEND_SQUARED))
         told_out[ERROR] = wp.sqrt(error_squared / content)
@@ -215,4 +218,6 @@ def extrapolate_account(
     """
     segment, line = wp.tid()
     counted = halves[segment, line]
-    account_out[segment, line] = counted + told[WEIGHT] * (counted - account_out[segment, line])
+    if told[WEIGHT] > wp.float64(0.0):
+        counted += counted - account_out[segment, line]
+    account_out[segment, line] = counted

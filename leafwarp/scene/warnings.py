@@ -214,6 +214,15 @@ def fine_maps(scene: Scene) -> Iterator[str]:
         )
 
 
+def steps_that_cannot_adapt(scene: Scene) -> Iterator[str]:
+    """Adaptive steps whose error does not fall much as they get shorter."""
+    if scene.water_flows and scene.fluid.step_tolerance is not None and scene.fluid.scheme == "split":
+        yield (
+            f"fluid.step_tolerance = {scene.fluid.step_tolerance:g}: with fluid.scheme = 'split' steps may become very "
+            "short, as what splitting takes from diagonal veins hardly falls with them; usual: 'unsplit'"
+        )
+
+
 def warnings_of(scene: Scene) -> tuple[str, ...]:
     """What of a scene is accepted but unusual, one line each."""
     kinds = (
@@ -226,5 +235,6 @@ def warnings_of(scene: Scene) -> tuple[str, ...]:
         motion_without_effect,
         inertia_decides,
         fine_maps,
+        steps_that_cannot_adapt,
     )
     return tuple(line for kind in kinds for line in kind(scene))

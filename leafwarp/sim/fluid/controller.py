@@ -80,13 +80,14 @@ class Fluid:
         steps_done: How many steps are behind; those skipped included.
         steps_skipped: How many of them were skipped.
         steps_repeated: How often a step was too long and taken again, shorter.
+        steps_over_tolerance: How many steps were as short as can be and still too long.
         shortest_step: Of those that are behind [s].
         is_at_rest: Whether the water is the same as at the look before.
     """
 
     def __init__(self, scene: Scene, leaf: Leaf, state: State, stages: Sequence[Stage], watch: Stopwatch | None = None):
         self.steps = FluidSteps.of(scene)
-        self.steps_done = self.steps_skipped = self.steps_repeated = 0
+        self.steps_done = self.steps_skipped = self.steps_repeated = self.steps_over_tolerance = 0
         self.shortest_step = self.steps.length
         self.is_at_rest = False
         self._state = state
@@ -103,6 +104,10 @@ class Fluid:
         self._position, self._span, self._last_span = 0.0, 1.0, 1.0
         tolerance = scene.fluid.step_tolerance
         self._error_allowed = tolerance
+        self._kept_accounts: dict[str, wp.array] = {}
+        if tolerance is not None:
+            accounts = [name for name in (*LOSSES, *GAINS) if name in state]
+            self._kept_accounts = {name: wp.empty_like(state.whole(name)) for name in accounts}
         # What solvers and rounding leave, shorter steps would not change.
         self._error_left = ROUNDING * float(np.finfo(state.precision).eps)
         if scene.water_flows and scene.fluid.scheme == "unsplit":
@@ -146,15 +151,15 @@ class Fluid:
         else:
             self._keep()
             self._take_spans_of(self._span_to_event())
-            accounts = {name: wp.clone(self._state.whole(name)) for name in self._accounts()}
-            self._run(frame)
-            while self._share_of_error() > 1.0 and self._span > SHORTEST:
+            for name, kept in self._kept_accounts.items():
+                wp.copy(kept, self._state.whole(name))
+            while (share := self._try(frame)) > 1.0 and self._span > SHORTEST:
                 self.steps_repeated += 1
-                for name, before in {"water": self._state.whole("water_before"), **accounts}.items():
+                for name, before in {"water": self._state.whole("water_before"), **self._kept_accounts}.items():
                     wp.copy(self._state.whole(name), before)
                 self._take_spans_of(0.5 * self._span)
-                self._run(frame)
-            next_span = min(1.0, 2.0 * self._span) if self._share_of_error() <= EASY_SHARE else self._span
+            self.steps_over_tolerance += share > 1.0
+            next_span = min(1.0, 2.0 * self._span) if share <= EASY_SHARE else self._span
         self.shortest_step = min(self.shortest_step, self._span * self.steps.length)
         self._position += self._span
         self._last_span = self._span
@@ -176,13 +181,17 @@ class Fluid:
         self._water.keep()
         self._is_kept = True
 
-    def _accounts(self) -> list[str]:
-        return [name for name in (*LOSSES, *GAINS) if name in self._state]
-
-    def _share_of_error(self) -> float:
-        """Error of the step just taken over what it is allowed."""
+    def _try(self, frame: int) -> float:
+        """Take a step, and see its error over what is allowed; infinite where a solver did not come to an end."""
         from leafwarp.sim.fluid.second_order import step_error
 
+        try:
+            self._run(frame)
+        except SimulationError:
+            # Of the shortest step, or of what is no water, nothing else is to be had.
+            if self._span <= SHORTEST or self._water.fault("water_before"):
+                raise
+            return math.inf
         error = max(0.0, step_error(self._state) - self._error_left)
         return error / self._error_allowed
 
@@ -218,7 +227,8 @@ class Fluid:
         after = {name: self._state.whole(name).numpy() for name in before}
         accounts = [name for name in before if _is_account(name)]
         self._growth = {name: after[name] - before[name] for name in accounts}
-        self._is_resting = all(
+        # A part of a step, cut short by the source, says nothing about the whole one after it.
+        self._is_resting = self._last_span == 1.0 and all(
             np.array_equal(after[name].view(np.uint8), values.view(np.uint8))
             for name, values in before.items()
             if name not in accounts
@@ -248,7 +258,8 @@ class Fluid:
 
     def restart(self) -> None:
         """Begin the plant time anew, with the water as it is."""
-        self._position, self.steps_done = 0.0, 0
+        self._take_spans_of(1.0)
+        self._position, self._last_span, self.steps_done = 0.0, 1.0, 0
 
     def check(self, frame: int) -> None:
         """See whether the water of the last look is sound, by what its kernel has seen; waits for the device.

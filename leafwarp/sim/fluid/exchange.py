@@ -76,6 +76,12 @@ class ExchangeSystem:
         time_step = time_step or FluidSteps.of(scene).length
         return cls(leaf_conductance(scene, leaf, time_step), leaf.mask, time_step)
 
+    def of_step(self, scene: Scene, leaf: Leaf, time_step: float) -> ExchangeSystem:
+        """That of a step of another length [s], which counts its solves on from here."""
+        system = ExchangeSystem.of(scene, leaf, time_step)
+        system.solves, system.most_solves = self.solves, self.most_solves
+        return system
+
     def on_cells(self, values: np.ndarray) -> np.ndarray:
         """Values of the leaf's cells, shape [cell_count], from those of the map, shape [ny, nx]."""
         return values.reshape(-1)[self.cells]

@@ -49,7 +49,7 @@ class FactoredDiffusion(Stage):
             self.commands = list(self._supply.record(self, state, "x"))
 
     def set_time_step(self, seconds: float) -> None:
-        self.system = ExchangeSystem.of(self.scene, self.leaf, seconds)
+        self.system = self.system.of_step(self.scene, self.leaf, seconds)
         if self._supply is not None:
             self._supply.opening.set_time_step(seconds)
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
+import numpy as np
 import warp as wp
 
 from leafwarp.leaf.leaf import Leaf
@@ -30,6 +31,8 @@ from leafwarp_kernels.extrapolation import (
 ACCOUNTS = ("transpired", "added_by_source_x", "added_by_source_y")
 # How much of the extrapolation may be held at a bound, over all that it changes, before it is left out.
 HELD_SHARE = 0.05
+# By how much contents may be beyond a bound, in units of the last place.
+ROUNDING = 16.0
 
 
 class HalfSteps(Stage):
@@ -78,6 +81,10 @@ class HalfSteps(Stage):
         self._note_arrays()
         # Accounts of the whole step are there once the stages that come after this one are bound.
         self._copied = ["water", *(name for name in ACCOUNTS if name in part)]
+        self._guesses = [prefix for prefix in ("", HALF_STEP) if f"{prefix}unsplit_before" in state]
+        if self._guesses:
+            names = ("unsplit_before", "unsplit_rounding")
+            self.host_writes = tuple(prefix + name for prefix in self._guesses for name in names)
 
     def set_time_step(self, seconds: float) -> None:
         for stage in self.stages:
@@ -94,6 +101,10 @@ class HalfSteps(Stage):
         """
         for name in self._copied:
             wp.copy(self._state.whole(HALF_STEP + name), self._state.whole(name))
+        for prefix in self._guesses:
+            # Iterations start from the water as it is: from what was extrapolated they would come back to that.
+            wp.copy(self._state.whole(f"{prefix}unsplit_before"), self._state.whole("water"))
+            self._state.whole(f"{prefix}unsplit_rounding").zero_()
         middle = 0.5 * (interval.start + interval.end)
         self._run_half(Interval(interval.start, middle))
         if self._shows_middle:
@@ -129,7 +140,10 @@ class Extrapolation(Stage):
         held = {"held_at_least": "losing", "held_at_most": "taking up"}
         for name, what in held.items():
             self.add_array(state, ArraySpec(name, dim, "float64", f"content that cells were kept from {what}"))
-        bounds = content_bounds(self.scene, self.leaf)
+        # The contents are rounded, these are not.
+        rounding = ROUNDING * float(np.finfo(state.precision).eps)
+        least, most = content_bounds(self.scene, self.leaf)
+        bounds = (least * (1.0 - rounding), most * (1.0 + rounding))
         share_below = HELD_SHARE if "transpired" in state else 0.0
         share_above = HELD_SHARE if "added_by_source_x" in state else 0.0
         sums, told = "extrapolation_sum", "extrapolation"

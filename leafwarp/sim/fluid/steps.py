@@ -37,10 +37,11 @@ class FluidSteps:
         """
         duration, step = scene.time.duration, scene.fluid.step
         ratio = duration / step
-        if not ratio <= MAXIMUM_COUNT:
+        most = MAXIMUM_COUNT // scene.fluid.order  # those of second order are also taken in halves
+        if not ratio <= most:
             raise InputError(
                 f"fluid.step = {step:g} s: {ratio:.3g} steps fill time.duration = {duration:g} s; "
-                f"accepted: at most {MAXIMUM_COUNT}, a step of {duration / MAXIMUM_COUNT:.3g} s or more"
+                f"accepted: at most {most}, a step of {duration / most:.3g} s or more"
             )
         count = max(1, math.ceil(ratio * (1.0 - SNAP)))
         return cls(count, duration / count)

@@ -174,7 +174,7 @@ class UnsplitDiffusion(Stage):
             self._upload_faces()
             self._forget()
         else:
-            self._take_factor()
+            self.system = self.system.of_step(self.scene, self.leaf, seconds)
         if self._supply is not None:
             self._supply.opening.set_time_step(seconds)  # the next step makes the rest of the system
         elif self.system is None:
