@@ -370,6 +370,13 @@ def test_a_tolerance_needs_what_tells_the_error() -> None:
         Scene.checked(data, "scene.toml")
 
 
+def test_adaptive_steps_of_the_split_scheme_are_warned_of() -> None:
+    fluid = {"order": 2, "step_tolerance": 1e-3}
+    said = [make_scene({"fluid": fluid | {"scheme": scheme}}).warnings for scheme in ("split", "unsplit")]
+    assert any("step_tolerance = 0.001: with fluid.scheme = 'split'" in line for line in said[0])
+    assert not any("step_tolerance" in line for line in said[1])
+
+
 def test_steps_of_first_order_have_nothing_of_it() -> None:
     mask, maps = smooth_maps()
     leaf = Leaf(None, MapFrame((0.0, 0.0), (WIDTH, WIDTH)), WIDTH, None, mask, maps)
