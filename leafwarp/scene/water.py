@@ -45,8 +45,8 @@ class FluidTable(Table):
         None,
         description="Error that a fluid step, or a straight line between its ends, may have, relative to the water, as "
         "its two halves tell; what solvers and rounding leave (unsplit in float32: 2e-5) is not counted. 'step' is "
-        "then the longest one: steps are halved where the water changes faster than that allows, and doubled again where it "
-        "does not. Needs order = 2. Default: all steps alike.",
+        "then the longest one: steps are halved where the water changes faster than that allows, and doubled again "
+        "where it does not. Needs order = 2. Default: all steps alike.",
     )
     solver: Literal["factor", "conjugate_gradients"] | None = Field(
         None,
