@@ -193,9 +193,7 @@ def test_a_leaf_as_wet_as_its_supply_keeps_its_ledger(supply: float, device: str
 def test_as_many_steps_are_accepted_as_their_halves_allow() -> None:
     fluid = {"step": 1.0, "order": 2}
     assert FluidSteps.of(make_scene({"fluid": fluid, "time": {"duration": 4.9e6, "frames": 2}})).count == 4_900_000
-    with pytest.raises(
-        InputError, match=r"step = 1 s: 6e\+06 steps .* accepted: at most 5000000, a step of 1.2 s"
-    ):
+    with pytest.raises(InputError, match=r"step = 1 s: 6e\+06 steps .* accepted: at most 5000000, a step of 1.2 s"):
         FluidSteps.of(make_scene({"fluid": fluid, "time": {"duration": 6e6, "frames": 2}}))
 
 
