@@ -42,6 +42,7 @@ ROUNDING = {"float32": 1e-6, "float64": 1e-13}
 # What is left of a line once the frame is named: where, what is wrong, and the keys to change.
 LINE = re.compile(r"frame (\d+): (?P<stage>[a-z][a-z_ ]+): (?P<quantity>[^;]*[^; ]); (?P<remedy>.+)")
 STAGES = {"motion", "settling", "implicit_motion", "quasistatic_motion", "unsplit_diffusion", "factored_diffusion"}
+STAGES |= {"half_steps"}
 KEYS = re.compile(r"(leaf|fluid|source|shrink|curl|structure|motion|solver|time|maps|mesh)\.(\w+)|load|curl|stiffness")
 
 

@@ -14,6 +14,7 @@ from leafwarp.scene.fields import (
     Conductance,
     Diffusivity,
     Fraction,
+    Integer,
     Number,
     Pressure,
     Rate,
@@ -36,7 +37,7 @@ class FluidTable(Table):
         description="split: rows, then columns, line by line (the paper). unsplit: both at once, without the "
         "splitting error.",
     )
-    order: Literal[1, 2] = Field(
+    order: Annotated[Integer, Bounds(1, 2)] = Field(
         1,
         description="2: every step is also taken in two halves, and its error of first order extrapolated away. Costs "
         "three steps; pays where the step's own error is what counts.",
