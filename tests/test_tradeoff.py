@@ -5,6 +5,9 @@ from __future__ import annotations
 import csv
 import dataclasses
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -396,11 +399,22 @@ def test_a_trial_apart_is_the_trial_here(small_scene: Path, tmp_path: Path, leaf
     assert dataclasses.asdict(Trial.load(tmp_path / "apart.npz"))["vertices"] == apart.vertices
 
 
+def test_the_memory_of_a_process_is_its_own() -> None:
+    """Not that of the process which starts it, however much that holds."""
+    held = np.ones(40_000_000)  # 320 MB
+    told = subprocess.run(
+        [sys.executable, "-c", "from leafwarp.report import peak_memory; print(peak_memory())"],
+        env={**os.environ, "PYTHONPATH": os.pathsep.join(path for path in sys.path if path)},
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert held.sum() == 40_000_000 and 1e6 < int(told.stdout) < 150e6
+
+
 def test_progress_is_a_bar_on_a_terminal(
     small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch, capsys
 ) -> None:
-    import sys
-
     for is_terminal in (False, True):
         monkeypatch.setattr(sys.stderr, "isatty", lambda answer=is_terminal: answer)
         run(small_scene, tmp_path / str(is_terminal), leaf_cache, SMALLER, budget=1e-3, quiet=False)
