@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Mapping
+from pathlib import Path
 from typing import Any
 
 from hypothesis import reject
@@ -17,6 +18,7 @@ from hypothesis import strategies as st
 
 from leafwarp.errors import InputError
 from leafwarp.scene import Scene
+from leafwarp.scene.file import load_scene
 from leafwarp.scene.quality import DECIDED, Resolution
 from leafwarp.scene.warnings import USUAL
 
@@ -90,6 +92,15 @@ def small_resolution(level: int) -> Resolution:
     finer = 2.0 ** (level / 2)
     cells, vertices, fluid_steps = SMALL_LEVEL
     return Resolution(round(cells * finer), round(vertices * finer**2), round(fluid_steps * finer))
+
+
+def without_decided(scene_file: Path, **top) -> dict:
+    """The tables of a scene file without what a quality or a tolerance decides, and with others on top."""
+    data = load_scene(scene_file).model_dump(exclude_unset=True)
+    for key in DECIDED:
+        table, _, name = key.partition(".")
+        data.get(table, {}).pop(name, None)
+    return {**data, **top}
 
 
 def numbers(low: float, high: float, near: tuple[float, float] | None, extreme: float) -> st.SearchStrategy[float]:
