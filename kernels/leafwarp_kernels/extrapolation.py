@@ -23,6 +23,7 @@ row, on a CPU all of them.
 import warp as wp
 
 from leafwarp_kernels.lanes import LANES, Lanes
+from leafwarp_kernels.sums import sum_rows
 
 wp.set_module_options({"enable_backward": False})
 
@@ -116,16 +117,6 @@ def compare_middle(
     row_sum_out[BEFORE_SQUARED, segment, row] = before_squared
 
 
-@wp.func
-def total(sums: wp.array3d[wp.float64], which: wp.int32):
-    """One of the sums over all segments, in a fixed order."""
-    found = wp.float64(0.0)
-    for segment in range(sums.shape[1]):
-        for row in range(sums.shape[2]):
-            found += sums[which, segment, row]
-    return found
-
-
 @wp.kernel
 def judge_step(
     # inputs:
@@ -144,15 +135,15 @@ def judge_step(
         told_out: 1 or 0, and the norm of ``e``, or that of the bend if it is larger, over that of the contents after
             the step, or before it if that is larger, shape [TOLD_COUNT].
     """
-    difference = total(row_sum, DIFFERENCE)
+    difference = sum_rows(row_sum, DIFFERENCE)
     weight = wp.float64(0.0)
-    if total(row_sum, BELOW) <= share_below * difference and total(row_sum, ABOVE) <= share_above * difference:
+    if sum_rows(row_sum, BELOW) <= share_below * difference and sum_rows(row_sum, ABOVE) <= share_above * difference:
         weight = wp.float64(1.0)
     told_out[WEIGHT] = weight
     told_out[ERROR] = wp.float64(0.0)
-    content = wp.max(total(row_sum, CONTENT_SQUARED), total(row_sum, BEFORE_SQUARED))
+    content = wp.max(sum_rows(row_sum, CONTENT_SQUARED), sum_rows(row_sum, BEFORE_SQUARED))
     if content > wp.float64(0.0):
-        error_squared = wp.max(total(row_sum, DIFFERENCE_SQUARED), total(row_sum, BEND_SQUARED))
+        error_squared = wp.max(sum_rows(row_sum, DIFFERENCE_SQUARED), sum_rows(row_sum, BEND_SQUARED))
         told_out[ERROR] = wp.sqrt(error_squared / content)
 
 

@@ -21,8 +21,9 @@ from typing import Any
 
 import warp as wp
 
-from leafwarp_kernels.conjugate_gradients import SUM_PRODUCT, Sum, add_lanes, sum_parts
+from leafwarp_kernels.conjugate_gradients import SUM_PRODUCT
 from leafwarp_kernels.lanes import LANES, Lanes
+from leafwarp_kernels.sums import Sum, add_lanes, sum_parts
 
 wp.set_module_options({"enable_backward": False})
 

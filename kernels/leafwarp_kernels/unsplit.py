@@ -35,14 +35,11 @@ from leafwarp_kernels.conjugate_gradients import (
     SUM_PRODUCT,
     SUM_RESIDUAL_SQUARED,
     SUM_RIGHT_SIDE_SQUARED,
-    Sum,
-    add_lanes,
     coupled_only,
-    sum_parts,
-    sum_rows,
 )
 from leafwarp_kernels.lanes import Lanes
 from leafwarp_kernels.multigrid import held, outflow_at
+from leafwarp_kernels.sums import Sum, add_lanes, sum_parts, sum_rows
 
 wp.set_module_options({"enable_backward": False})
 

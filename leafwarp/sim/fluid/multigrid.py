@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 import warp as wp
 
-from leafwarp.sim.fluid.spans import line_spans
+from leafwarp.sim.fluid.spans import line_spans, thread_blocks
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp_kernels.lanes import LANES
 from leafwarp_kernels.multigrid import begin_smoothing, correct, restrict_residual, smooth
@@ -246,8 +246,3 @@ class Multigrid:
 def with_neighbours(state: State, name: str) -> list[wp.array]:
     """Blocks of lanes of an array, of its cells' right neighbours and of their left ones."""
     return [state.lanes(name, displaced) for displaced in (0, 1, -1)]
-
-
-def thread_blocks(blocks: int, state: State) -> tuple[int, int]:
-    """How the blocks of a row are shared among threads: blocks of a segment, and number of segments."""
-    return (1, blocks) if state.many_threads else (blocks, 1)

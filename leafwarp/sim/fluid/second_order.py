@@ -13,6 +13,7 @@ import warp as wp
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
+from leafwarp.sim.fluid.spans import thread_blocks
 from leafwarp.sim.fluid.steps import HALF_STEP, FluidSteps, NotConverged
 from leafwarp.sim.fluid.water import content_bounds
 from leafwarp.sim.launch import ArraySpec, Command, PartOfState, State
@@ -133,9 +134,8 @@ class Extrapolation(Stage):
 
     def bind(self, state: State) -> None:
         water, halves = state.lanes("water"), state.lanes(HALF_STEP + "water")
-        rows, blocks = water.shape[0], water.shape[1]
-        length, segments = (1, blocks) if state.many_threads else (blocks, 1)
-        dim = (segments, rows)
+        length, segments = thread_blocks(water.shape[1], state)
+        dim = (segments, water.shape[0])
         self.add_array(state, ArraySpec("extrapolation_sum", (SUM_COUNT, *dim), "float64", "sums of it by segments"))
         held = {"held_at_least": "losing", "held_at_most": "taking up"}
         for name, what in held.items():

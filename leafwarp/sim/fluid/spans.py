@@ -50,3 +50,8 @@ def block_spans(span: np.ndarray) -> np.ndarray:
     end = end.reshape(count, LANES).max(axis=1)
     first = np.where(end > 0, first.reshape(count, LANES).min(axis=1), 0)
     return np.stack([first, end], axis=1).astype(np.int32)
+
+
+def thread_blocks(blocks: int, state: State) -> tuple[int, int]:
+    """How the blocks of a row are shared among threads: blocks of a segment, and number of segments."""
+    return (1, blocks) if state.many_threads else (blocks, 1)

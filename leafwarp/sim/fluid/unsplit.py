@@ -16,7 +16,8 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.fluid.conductance import leaf_conductance
 from leafwarp.sim.fluid.lines import diffusion_supply
-from leafwarp.sim.fluid.multigrid import Multigrid, System, thread_blocks, with_neighbours
+from leafwarp.sim.fluid.multigrid import Multigrid, System, with_neighbours
+from leafwarp.sim.fluid.spans import thread_blocks
 from leafwarp.sim.fluid.steps import FluidSteps, NotConverged
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.stage import Interval, Stage
