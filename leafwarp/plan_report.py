@@ -31,7 +31,8 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
 
     simulation = Simulation(scene, leaf, check_device(device))
     parts = simulation.couplings_per_frame
-    substeps = parts * simulation.motion.required_substeps(1.0 / (scene.time.fps * parts))
+    at_a_time = simulation.motion.required_substeps(1.0 / (scene.time.fps * parts))
+    substeps = parts * at_a_time
     intervals = max(scene.time.frames - 1, 1)
     moments = [moment for frame in range(2, scene.time.frames + 1) for moment in simulation.moments(frame)]
     couplings = sum(len(moment.looks) for moment in moments) / intervals
@@ -62,7 +63,7 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
         "warnings": list(scene.warnings),
         "bytes": plan.byte_count,
         "host_bytes": sum(map(_host_bytes, plan.stages)),
-        "stages": plan.describe(runs, motions),
+        "stages": plan.describe(runs, motions, at_a_time),
         "left_out": [{"name": name, "reason": reason} for name, reason in plan.left_out.items()],
     }
 

@@ -93,9 +93,13 @@ def test_stages_follow_the_scene(device, precision):
         rig = rig_of(scene_of(structure, motion), leaf or two_triangles(), device, precision)
         return [stage.name for stage in rig.stages], set(rig.state.names)
 
-    plain, arrays = names()
+    plain, arrays = names({"water_mass": 0.0})
     assert plain == ["stable_step", "edge_springs", "integration"]
+    assert not any(name.startswith("ramp") or name.endswith(("_before", "_after")) for name in arrays)
+    lighter, arrays = names()
+    assert lighter == ["stable_step", "ramp", "edge_springs", "integration"]
+    assert {name for name in arrays if name.endswith("_before")} == {"mass_before"}
     assert not any(name.startswith(("hinge", "vertex_hinge", "saved_hinge")) for name in arrays)
     full, _ = names(BENDING, {"gravity": [0, 0, -9.81], "drag": 2.0})
-    assert full == ["stable_step", "edge_springs", "angular_springs", "gravity", "air", "integration"]
+    assert full == ["stable_step", "ramp", "edge_springs", "angular_springs", "gravity", "air", "integration"]
     assert "paper_bending" in names(BENDING | {"bending": "paper"})[0]

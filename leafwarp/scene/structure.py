@@ -107,7 +107,9 @@ class StructureTable(Table):
         "makes its rates of it.",
     )
     damping: Share = Field(
-        0.05, description="Damping ratio of the mesh's fastest oscillation, along springs and hinges."
+        0.05,
+        description="Damping along springs and hinges: damping ratio of a stretching wave a fortieth of the leaf's "
+        "length long.",
     )
 
     @property

@@ -19,6 +19,7 @@ from leafwarp.sim.forces import Air, PaperBending
 from leafwarp.sim.guards import find_fault
 from leafwarp.sim.launch import Command, State
 from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, STANDARD_GRAVITY, TORN_REMEDY, thrown, torn
+from leafwarp.sim.ramp import BLOCK, Ramp, blocks, shares
 from leafwarp.sim.settled import Settled
 from leafwarp.sim.stable_step import StableStep, damping_time, step_limit
 from leafwarp.sim.stage import Stage
@@ -26,8 +27,6 @@ from leafwarp.sim.stage import Stage
 if TYPE_CHECKING:
     from leafwarp.sim.implicit.motion import NewtonMotion
 
-# Substeps in one captured graph at most: replaying one costs next to nothing, recording it some milliseconds.
-BLOCK = 32
 REPLAYS = 5
 # Settling: substeps between two looks at the kinetic energy, and at most in all.
 SETTLING_BLOCK = 32
@@ -75,7 +74,7 @@ class Motion:
         self._lengths = leaf.join(lambda photo, specimen: np.array([specimen.size * photo.length]))
         self._slices = leaf.vertex_slices
         self._drag = scene.motion.drag
-        self._damping = scene.structure.damping
+        self._structure = scene.structure
         # Neither many leaves nor the paper's bending move in any other way.
         only_explicit = scene.leaves is not None or scene.structure.bending == "paper"
         self._other_method = "" if only_explicit else ", or take motion.method = 'quasistatic' or 'implicit'"
@@ -84,6 +83,7 @@ class Motion:
         self._stages = [stage for stage in stages if stage.rate == "substep"]
         self._guard = next(stage for stage in stages if isinstance(stage, StableStep))
         self._paper = next((stage for stage in stages if isinstance(stage, PaperBending)), None)
+        self._ramp = next((stage for stage in stages if isinstance(stage, Ramp)), None)
         self._gravity = math.hypot(*(scene.motion.gravity or (0.0, 0.0, 0.0))) or STANDARD_GRAVITY
         # Still air only slows the leaf on its way to rest; wind is a load, and its drag brings it to rest.
         self._windy = scene.motion.wind is not None and scene.motion.drag > 0.0
@@ -94,18 +94,21 @@ class Motion:
         self.retries = 0
         self.unbalanced_torque = None if self._paper is None else 0.0
         for power in range(BLOCK.bit_length()):
-            self._graph(2**power, self._stages)
+            self._graph(2**power, self._stages, self._ramp)
         self.start()
 
     def start(self) -> None:
         """Fix the damping from the stiffness and masses of the moment.
 
-        The damping time of the springs is ``tau = 2 zeta / omega`` with the scene's damping ratio ``zeta``
-        and the bound ``omega`` of the mesh's fastest oscillation. Call it again once stiffness and mass have
-        their values of the first frame.
+        Call it again once stiffness and mass have their values of the first frame.
         """
-        self._damping_time = damping_time(self._damping, self._guard.largest_squared_frequency())
+        # Leaves share it: that of the shortest suits the steps of all.
+        shortest = float(self._lengths.min())
+        self._damping_time = damping_time(self._structure, shortest, self._guard.largest_squared_frequency())
         self._state.upload("damping_time", np.array([self._damping_time]))
+        self._limit_before = self._limit()
+        if self._ramp is not None:
+            self._ramp.remember()
 
     def required_substeps(self, frame_duration: float) -> int | float:
         """The fewest substeps that are safe for a frame now; infinite where no step is.
@@ -113,7 +116,8 @@ class Motion:
         Args:
             frame_duration: Playback time of the frame [s].
         """
-        limit = self._substep * self._limit()
+        # From the parameters that the frame begins with to those that it ends with.
+        limit = self._substep * float(np.min([self._limit_before, self._limit()]))
         least = frame_duration / limit if limit > 0.0 else math.inf
         return max(1, math.ceil(least)) if math.isfinite(least) else math.inf
 
@@ -135,7 +139,11 @@ class Motion:
         if needed > self._maximum:
             fault = find_fault(self._state) or self._refusal(needed, frame_duration)
             raise SimulationError(frame, "motion", fault)
-        used = self._advance_checked(frame_duration, needed, self._maximum, frame, self._stages)
+        if self._ramp is not None:
+            self._ramp.aim()
+        used = self._advance_checked(frame_duration, needed, self._maximum, frame, self._stages, self._ramp)
+        if self._ramp is not None:
+            self._ramp.remember()
         self.largest_substeps = max(self.largest_substeps, used)
         if self._paper is not None:
             torque = float(np.linalg.norm(self._paper.net_torque()))
@@ -173,7 +181,7 @@ class Motion:
                 fault = find_fault(self._state) or self._refusal(math.inf, math.inf)
                 raise SimulationError(0, "settling", fault)
             duration = min(SETTLING_BLOCK * limit, 0.1 * quarter.min())
-            substeps += self._advance_checked(duration, SETTLING_BLOCK, most, 0, self._settling)
+            substeps += self._advance_checked(duration, SETTLING_BLOCK, most, 0, self._settling, None)
             energy = self._kinetic_energy(mass)
             now = np.sqrt(energy / pendulum)
             is_calm = now <= tolerance
@@ -212,7 +220,7 @@ class Motion:
         seconds: dict[str, float] = {}
         counted = self._state.launch_count
         for stage in self._stages:
-            graph, _ = self._graph(BLOCK, [stage])
+            graph, _ = self._graph(BLOCK, [stage], None)
             laps = []
             for _ in range(REPLAYS):
                 begin = time.perf_counter()
@@ -228,12 +236,18 @@ class Motion:
     def _limit(self) -> float:
         return step_limit(self._guard.largest_squared_frequency(), self._damping_time, self._drag)
 
-    def _advance_checked(self, duration: float, substeps: int, most: int, frame: int, stages: list[Stage]) -> int:
+    def _advance_checked(
+        self, duration: float, substeps: int, most: int, frame: int, stages: list[Stage], ramp: Ramp | None
+    ) -> int:
         """Run a span of playback time, redone with twice the substeps until nothing is wrong with it."""
         self._guard.save()
         self._stretch_before = self._guard.largest_stretch()
         while True:
-            self._run_substeps(substeps, duration / substeps, stages)
+            if ramp is not None:
+                ramp.begin(substeps)
+            self._run_substeps(substeps, duration / substeps, stages, ramp)
+            if ramp is not None:
+                ramp.end()
             fault = self._fault(duration / substeps)
             if fault is None:
                 return substeps
@@ -248,40 +262,39 @@ class Motion:
             substeps = min(2 * substeps, most)
             self.retries += 1
 
-    def _run_substeps(self, count: int, step: float, stages: list[Stage]) -> None:
-        """Run substeps by replaying graphs of powers of two of them, which any count is a sum of.
+    def _run_substeps(self, count: int, step: float, stages: list[Stage], ramp: Ramp | None) -> None:
+        """Run substeps by replaying graphs of blocks of them.
 
         The length of a step lies in an array, not in the graphs: they serve every frame.
         """
         self._state.upload("time_step", np.array([step]))
         self.substeps += count
-        size = BLOCK
-        while count > 0:
-            if count < size:
-                size //= 2
-                continue
-            graph, launches = self._graph(size, stages)
+        for size in blocks(count):
+            graph, launches = self._graph(size, stages, ramp)
             wp.capture_launch(graph)
             self._state.launch_count += launches
-            count -= size
 
-    def _graph(self, count: int, stages: list[Stage]) -> tuple[wp.Graph, int]:
+    def _graph(self, count: int, stages: list[Stage], ramp: Ramp | None) -> tuple[wp.Graph, int]:
         """The graph of this many substeps, and its launches; captured when first asked for."""
-        key = (count, *(stage.name for stage in stages))
+        key = (count, ramp is None, *(stage.name for stage in stages))
         if key not in self._graphs:
-            before = self._state.launch_count
+            before, rounds = self._state.launch_count, self._rounds(stages)
             with wp.ScopedCapture(device=self._state.device, force_module_load=False) as capture:
-                for launches in self._rounds(stages):
-                    for _ in range(count):
-                        for command in launches:
+                for substeps, middle in shares(count):
+                    if ramp is not None:
+                        ramp.ramp_to(middle).run()
+                    for launches in rounds:
+                        for command in launches * substeps:
                             command.run()
+                if ramp is not None:
+                    ramp.passing(count).run()
             self._graphs[key] = capture.graph, self._state.launch_count - before
             self._state.launch_count = before
         return self._graphs[key]
 
     def _rounds(self, stages: list[Stage]) -> list[list[Command]]:
-        """Launches of a substep, in rounds: all substeps of a graph for one group of leaves, which stays in the cache,
-        then for the next."""
+        """Launches of a substep, in rounds: a few substeps for one group of leaves, which stays in the cache, then for
+        the next."""
         groups = {len(stage.parts) for stage in stages}
         if len(groups) > 1 or groups == {0}:
             return [[command for stage in stages for command in stage.launches_of()]]
@@ -302,7 +315,7 @@ class Motion:
             return _Fault("the stretch of an edge is not a number", self._remedy(), is_not_finite=True)
         if stretch > max(MOST_STRETCH, self._stretch_before):
             return _Fault(torn(stretch), TORN_REMEDY)
-        limit = self._limit()
+        limit = self._limit_before = self._limit()
         if not step <= limit:
             safe = f", which needs steps of {self._substep * limit:.3g} s," if limit > 0.0 else ""
             return _Fault(f"the step of {step:.3g} s became too long for the deformed mesh{safe}", self._remedy())

@@ -77,6 +77,11 @@ def _bending_left_out(scene: Scene, leaf: Leaf, how: str) -> str | None:
     return None if scene.structure.bending == how else f"structure.bending is {scene.structure.bending}"
 
 
+def _ramp_left_out(scene: Scene, leaf: Leaf) -> str | None:
+    follows = scene.shrinks or scene.curls or scene.stiffness_varies or scene.structure.water_mass > 0.0
+    return None if follows else "nothing of the structure follows the water"
+
+
 _FLUID, _COUPLING = "leafwarp.sim.fluid", "leafwarp.sim.coupling"
 _FORCES, _OUTPUT = "leafwarp.sim.forces", "leafwarp.sim.output"
 _IMPLICIT = "leafwarp.sim.implicit.stages"
@@ -118,6 +123,7 @@ CANDIDATES: tuple[_Candidate, ...] = (
     _Candidate("motion", "implicit_motion", f"{_IMPLICIT}:ImplicitMotion", _moves("implicit")),
     _Candidate("motion", "quasistatic_motion", f"{_IMPLICIT}:QuasistaticMotion", _moves("quasistatic")),
     _Candidate("motion", "stable_step", "leafwarp.sim.stable_step:StableStep", _explicitly(_always)),
+    _Candidate("motion", "ramp", "leafwarp.sim.ramp:Ramp", _explicitly(_ramp_left_out)),
     _Candidate("motion", "edge_springs", f"{_FORCES}:EdgeSprings", _explicitly(_always)),
     _Candidate("motion", "angular_springs", f"{_FORCES}:AngularSprings",
                _explicitly(lambda s, leaf: _bending_left_out(s, leaf, "gradient"))),
@@ -167,7 +173,9 @@ class Plan:
         """Memory of all arrays [byte]."""
         return sum(spec.byte_count(self.scene.solver.precision) for spec in self.arrays)
 
-    def describe(self, runs_per_frame: dict[str, float], motions_per_frame: float = 1.0) -> list[dict[str, Any]]:
+    def describe(
+        self, runs_per_frame: dict[str, float], motions_per_frame: float = 1.0, substeps: int = 1
+    ) -> list[dict[str, Any]]:
         """The stages as plain data, for people and programs; they must be bound.
 
         What a stage reads and writes are the arguments of its launches, but for tables that it alone knows.
@@ -175,6 +183,7 @@ class Plan:
         Args:
             runs_per_frame: How often a stage of each rate runs in a frame, on average.
             motions_per_frame: The same of a motion that takes a frame at a time.
+            substeps: How many it takes at a time.
         """
         precision = self.scene.solver.precision
         reads = {stage.name: _names(stage.host_reads, *(c.reads for c in stage.recorded)) for stage in self.stages}
@@ -196,7 +205,7 @@ class Plan:
                 "arrays": [spec.name for spec in stage.arrays],
                 "bytes": sum(spec.byte_count(precision) for spec in stage.arrays),
                 "host_bytes": stage.host_bytes,
-                "launches_per_frame": stage.launches
+                "launches_per_frame": stage.launches_in(substeps)
                 * (motions_per_frame if stage.name in moving else runs_per_frame[stage.rate]),
             }
             for stage in self.stages

@@ -226,14 +226,12 @@ class ImplicitEuler(NewtonMotion):
     remedy = "raise time.fps, or lower the load, the curl or the shrinking of a frame"
 
     def start(self) -> None:
-        """Begin anew, and fix the damping from the stiffness and masses of the moment.
-
-        It is that of explicit motion: ``tau = 2 zeta / omega`` with the scene's damping ratio and the same bound
-        ``omega`` of the mesh's fastest oscillation.
-        """
+        """Begin anew, and fix the damping, that of explicit motion, from the stiffness and masses of the moment."""
         super().start()
-        damping = self._scene.structure.damping
-        self._damping_time = damping_time(damping, self._stage.bound.largest()) if damping > 0.0 else 0.0
+        structure = self._scene.structure
+        self._damping_time = 0.0
+        if structure.damping > 0.0:
+            self._damping_time = damping_time(structure, self._leaf.length, self._stage.bound.largest())
 
     def _advance(self, duration: float) -> int:
         steps, done, size = 0, 0.0, 1.0
