@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from leafwarp.errors import SimulationError
-from leafwarp.sim.motion import BLOCK, Motion
+from leafwarp.sim.blocks import BLOCK
+from leafwarp.sim.motion import Motion
 from leafwarp.sim.stable_step import step_limit
 from meshes import leaf_of, mesh_of, one_triangle, scene_of, strip
 from structure_reference import ROUNDING, crumpled, rig_of, stiffness_matrix

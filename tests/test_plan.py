@@ -78,7 +78,7 @@ def test_the_smallest_scene_compiles_only_its_kernels(census) -> None:
     still, bramble = census["still"]["kernels"], census["bramble"]["kernels"]
     assert still == [
         f"leafwarp_kernels.{name}"
-        for name in ("integration", "normals", "ramp", "response", "spring_lanes", "stable_step")
+        for name in ("hold", "integration", "normals", "ramp", "response", "spring_lanes", "stable_step")
     ]
     assert set(still) < set(bramble)
     assert {f"leafwarp_kernels.{name}" for name in ("tridiagonal", "transpiration", "sampling")} <= set(bramble)
@@ -107,12 +107,13 @@ def test_what_is_allocated_is_what_was_planned(census, name: str) -> None:
 def test_launches_are_those_of_the_plan(census) -> None:
     still = census["still"]
     substeps = sum(still["substeps"])
-    # The ramp of rest lengths and masses: its beginning, its end and what comes next, each eight substeps, each block.
-    smaller = [2**power for power in range(5) if substeps % 32 >> power & 1]
-    ramp = 3 + sum(max(1, size // 8) + 1 for size in [32] * (substeps // 32) + smaller)
+    # Every eight substeps the ramp of rest lengths and masses, and the hold; the ramp's clock every block; the ramp's
+    # beginning, its end and what comes next; the hold at the end.
+    blocks = [32] * (substeps // 32) + [2**power for power in range(5) if substeps % 32 >> power & 1]
+    ramps = sum(max(1, size // 8) for size in blocks)
     # Two readings of normals and, for the second frame: rest lengths, mass, five for the stable step (bound and stretch
     # before and after, and the way gone), and edge springs, their sum and integration a substep.
-    assert still["launches"] == 2 + 2 + 5 + ramp + 3 * substeps
+    assert still["launches"] == 2 + 2 + 5 + 2 * ramps + len(blocks) + 3 + 1 + 3 * substeps
     per_substep = 6  # edge springs of the margin, hinges with the others, the sum, gravity, air, integration
     bramble = census["bramble"]
     assert bramble["launches"] > per_substep * sum(bramble["substeps"])

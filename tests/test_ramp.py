@@ -9,7 +9,7 @@ import pytest
 
 from leafwarp.scene import Scene
 from leafwarp.scene.file import load_scene
-from leafwarp.sim.ramp import BLOCK, blocks, shares
+from leafwarp.sim.blocks import BLOCK, blocks, shares
 from leafwarp.sim.simulation import Simulation
 from meshes import scene_of, strip
 from structure_reference import ROUNDING, rig_of

@@ -15,17 +15,19 @@ import warp as wp
 from leafwarp.errors import SimulationError
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
+from leafwarp.sim.blocks import BLOCK, blocks, shares
 from leafwarp.sim.forces import Air, PaperBending
 from leafwarp.sim.guards import find_fault
 from leafwarp.sim.launch import Command, State
 from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, STANDARD_GRAVITY, TORN_REMEDY, thrown, torn
-from leafwarp.sim.ramp import BLOCK, Ramp, blocks, shares
 from leafwarp.sim.settled import Settled
 from leafwarp.sim.stable_step import StableStep, damping_time, step_limit
 from leafwarp.sim.stage import Stage
 
 if TYPE_CHECKING:
+    from leafwarp.sim.hold import Hold
     from leafwarp.sim.implicit.motion import NewtonMotion
+    from leafwarp.sim.ramp import Ramp
 
 REPLAYS = 5
 # Settling: substeps between two looks at the kinetic energy, and at most in all.
@@ -83,7 +85,8 @@ class Motion:
         self._stages = [stage for stage in stages if stage.rate == "substep"]
         self._guard = next(stage for stage in stages if isinstance(stage, StableStep))
         self._paper = next((stage for stage in stages if isinstance(stage, PaperBending)), None)
-        self._ramp = next((stage for stage in stages if isinstance(stage, Ramp)), None)
+        self._ramp: Ramp | None = next((stage for stage in stages if stage.name == "ramp"), None)
+        self._hold: Hold | None = next((stage for stage in stages if stage.name == "hold"), None)
         self._gravity = math.hypot(*(scene.motion.gravity or (0.0, 0.0, 0.0))) or STANDARD_GRAVITY
         # Still air only slows the leaf on its way to rest; wind is a load, and its drag brings it to rest.
         self._windy = scene.motion.wind is not None and scene.motion.drag > 0.0
@@ -248,6 +251,7 @@ class Motion:
             self._run_substeps(substeps, duration / substeps, stages, ramp)
             if ramp is not None:
                 ramp.end()
+                self._follow_hold()
             fault = self._fault(duration / substeps)
             if fault is None:
                 return substeps
@@ -274,6 +278,11 @@ class Motion:
             wp.capture_launch(graph)
             self._state.launch_count += launches
 
+    def _follow_hold(self) -> None:
+        """Let the held vertices follow the rest lengths of the moment."""
+        if self._hold is not None:
+            self._hold.run()
+
     def _graph(self, count: int, stages: list[Stage], ramp: Ramp | None) -> tuple[wp.Graph, int]:
         """The graph of this many substeps, and its launches; captured when first asked for."""
         key = (count, ramp is None, *(stage.name for stage in stages))
@@ -283,6 +292,7 @@ class Motion:
                 for substeps, middle in shares(count):
                     if ramp is not None:
                         ramp.ramp_to(middle).run()
+                        self._follow_hold()
                     for launches in rounds:
                         for command in launches * substeps:
                             command.run()
@@ -358,4 +368,4 @@ def make_motion(scene: Scene, leaf: Leaf, state: State, stages: Sequence[Stage])
         return Motion(scene, leaf, state, stages)
     from leafwarp.sim.implicit.motion import make_newton_motion
 
-    return make_newton_motion(scene, leaf, state, stages[0])
+    return make_newton_motion(scene, leaf, state, stages)

@@ -85,6 +85,7 @@ def _ramp_left_out(scene: Scene, leaf: Leaf) -> str | None:
 _FLUID, _COUPLING = "leafwarp.sim.fluid", "leafwarp.sim.coupling"
 _FORCES, _OUTPUT = "leafwarp.sim.forces", "leafwarp.sim.output"
 _IMPLICIT = "leafwarp.sim.implicit.stages"
+_FLAT_SHRINK = "no [shrink], or its curve is flat"
 _PRESCRIBED = "water is prescribed by [water]"
 
 
@@ -114,7 +115,7 @@ CANDIDATES: tuple[_Candidate, ...] = (
     _Candidate("coupling", "prescribed_water", f"{_COUPLING}:PrescribedWater",
                _needs(lambda s: s.water, "the water flows ([fluid])")),
     _Candidate("coupling", "rest_lengths", f"{_COUPLING}:RestLengths",
-               _needs(lambda s: s.shrinks, "no [shrink], or its curve is flat")),
+               _needs(lambda s: s.shrinks, _FLAT_SHRINK)),
     _Candidate("coupling", "rest_angles", f"{_COUPLING}:RestAngles",
                _needs(lambda s: s.curls, "no [curl], or its mismatch is flat")),
     _Candidate("coupling", "stiffness", f"{_COUPLING}:Stiffness", _stiffness_left_out),
@@ -124,6 +125,7 @@ CANDIDATES: tuple[_Candidate, ...] = (
     _Candidate("motion", "quasistatic_motion", f"{_IMPLICIT}:QuasistaticMotion", _moves("quasistatic")),
     _Candidate("motion", "stable_step", "leafwarp.sim.stable_step:StableStep", _explicitly(_always)),
     _Candidate("motion", "ramp", "leafwarp.sim.ramp:Ramp", _explicitly(_ramp_left_out)),
+    _Candidate("motion", "hold", "leafwarp.sim.hold:Hold", _needs(lambda s: s.shrinks, _FLAT_SHRINK)),
     _Candidate("motion", "edge_springs", f"{_FORCES}:EdgeSprings", _explicitly(_always)),
     _Candidate("motion", "angular_springs", f"{_FORCES}:AngularSprings",
                _explicitly(lambda s, leaf: _bending_left_out(s, leaf, "gradient"))),

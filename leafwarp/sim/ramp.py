@@ -7,27 +7,12 @@ import warp as wp
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
+from leafwarp.sim.blocks import BLOCK, blocks, shares
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.stage import Stage
 from leafwarp_kernels.ramp import keep, pass_substeps, ramp
 
-# Substeps in one captured graph at most: replaying one costs next to nothing, recording it some milliseconds.
-BLOCK = 32
-# Substeps that share their parameters. With all of a graph, each graph would begin with a small blow.
-SHARED = 8
 PARAMETERS = ("edge_rest_length", "hinge_rest_angle", "edge_stiffness", "hinge_stiffness", "mass")
-
-
-def blocks(substeps: int) -> list[int]:
-    """Sizes of the graphs that so many substeps are run by: powers of two, which any count is a sum of."""
-    rest = substeps % BLOCK
-    smaller = [2**power for power in reversed(range(BLOCK.bit_length() - 1)) if rest >> power & 1]
-    return [BLOCK] * (substeps // BLOCK) + smaller
-
-
-def shares(size: int) -> list[tuple[int, float]]:
-    """Substeps of each share of a block, and how many of the block's are behind in its middle."""
-    return [(min(SHARED, size - start), start + 0.5 * min(SHARED, size - start)) for start in range(0, size, SHARED)]
 
 
 class Ramp(Stage):

@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import numpy as np
 
@@ -22,6 +22,10 @@ from leafwarp.sim.launch import State
 from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, STANDARD_GRAVITY, TORN_REMEDY, thrown, torn
 from leafwarp.sim.settled import Settled
 from leafwarp.sim.stable_step import damping_time
+
+if TYPE_CHECKING:
+    from leafwarp.sim.hold import Hold
+    from leafwarp.sim.stage import Stage
 
 # Way of a vertex in the last step, over the leaf's length, for each share of force that is left. The force is over load
 # and inertia: a thousandth of the weight, left everywhere and in one direction, changes a droop by a thousandth of it.
@@ -42,6 +46,7 @@ class NewtonMotion(ABC):
         leaf: The leaf.
         state: The state that the stage is bound to.
         stage: The stage.
+        hold: What moves the held vertices as the leaf shrinks; None where they stay.
 
     Attributes:
         substeps: Steps of all frames so far, those of frames that were redone included.
@@ -59,8 +64,9 @@ class NewtonMotion(ABC):
     # The one at hand, and the one that a frame began with.
     factors_kept: ClassVar[int] = 2
 
-    def __init__(self, scene: Scene, leaf: Leaf, state: State, stage: PotentialMotion):
+    def __init__(self, scene: Scene, leaf: Leaf, state: State, stage: PotentialMotion, hold: Hold | None = None):
         self._scene, self._leaf, self._state, self._stage = scene, leaf, state, stage
+        self._hold = hold
         force = scene.solver.force_tolerance
         self.step_accuracy = Accuracy(force, STEP_PER_FORCE * force)
         self.rest_accuracy = Accuracy(REST_SHARE * force, REST_SHARE * STEP_PER_FORCE * force)
@@ -171,6 +177,7 @@ class NewtonMotion(ABC):
     def _rest(self):
         """Go to the equilibrium under the rest state of the moment."""
         self._set_times(1.0, 0.0)
+        self._follow_hold()
         self._stage.prepare_rest()
         start = self._positions()
         angles = self._state["hinge_angle"].numpy().copy() if self._stage.hinged else None
@@ -206,6 +213,11 @@ class NewtonMotion(ABC):
         self._state.upload("base_position", turned)
         self.newton.carried(float(np.linalg.norm(turned - found, axis=1).max()))
 
+    def _follow_hold(self) -> None:
+        """Let the held vertices follow the rest lengths of the moment."""
+        if self._hold is not None:
+            self._hold.run()
+
     def _finish(self) -> None:
         self._stage.potential.keep_angles()
         self._stage.arrive()
@@ -238,6 +250,7 @@ class ImplicitEuler(NewtonMotion):
         while done < 1.0:
             memory = self.newton.memory()
             self._set_times(size * duration, self._damping_time)
+            self._follow_hold()
             self._stage.prepare_step()
             self.newton.inertia_changed()
             try:
@@ -389,7 +402,7 @@ class Quasistatic(NewtonMotion):
         self.newton.recall(place.memory)
 
 
-def make_newton_motion(scene: Scene, leaf: Leaf, state: State, stage: PotentialMotion) -> NewtonMotion:
-    """The motion of a stage."""
-    kind = ImplicitEuler if isinstance(stage, ImplicitMotion) else Quasistatic
-    return kind(scene, leaf, state, stage)
+def make_newton_motion(scene: Scene, leaf: Leaf, state: State, stages: Sequence[Stage]) -> NewtonMotion:
+    """The motion of the stages of the plan's group "motion"."""
+    kind = ImplicitEuler if isinstance(stages[0], ImplicitMotion) else Quasistatic
+    return kind(scene, leaf, state, *stages)

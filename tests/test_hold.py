@@ -1,0 +1,71 @@
+"""How a shrinking leaf is held."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from leafwarp.scene.file import load_scene
+from leafwarp.sim.simulation import Simulation
+from meshes import scene_of, strip
+from structure_reference import ROUNDING, rig_of
+
+STILL = Path(__file__).parent.parent / "scenes" / "still.toml"
+SHRINK = {"curve": [[1.0, 0.0], [0.2, 0.1]]}
+
+
+def test_held_tissue_shrinks_as_the_springs_around_it(device, precision) -> None:
+    rig = rig_of(scene_of(motion={"clamp": True}, shrink=SHRINK), strip(columns=8, jitter=0.2), device, precision)
+    start, pinned, edges = rig.get("position"), rig.get("pinned"), rig.leaf.mesh.edges
+    rig.stage("hold").run()
+    assert rig.get("position").tobytes() == start.tobytes()
+    shares = np.random.default_rng(0).uniform(0.7, 1.0, len(edges))
+    rig.put(edge_rest_length=shares * rig.get("edge_rest_length"))
+    rig.stage("hold").run()
+    scale = shares[pinned[edges].any(axis=1)].mean()
+    np.testing.assert_allclose(rig.get("position")[pinned], scale * start[pinned], rtol=20 * ROUNDING[precision])
+    assert (rig.get("position")[~pinned] == start[~pinned]).all()
+
+
+def test_a_vertex_that_was_let_go_is_left_alone(device, precision) -> None:
+    rig = rig_of(scene_of(motion={"clamp": True}, shrink=SHRINK), strip(columns=8), device, precision)
+    start = rig.get("position")
+    rig.put(pinned=np.zeros(len(start), bool), edge_rest_length=0.9 * rig.get("edge_rest_length"))
+    rig.stage("hold").run()
+    assert (rig.get("position") == start).all()
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit", "quasistatic"])
+def test_a_leaf_that_shrinks_alike_everywhere_neither_turns_nor_strains(method: str, scene_leaf, device) -> None:
+    """Held at three vertices that stayed apart, it turned by 2.4 degrees."""
+    scene = load_scene(STILL).with_changes(
+        {"motion.method": method, "motion.clamp": True, "time.frames": 13, "time.fps": 6.0}
+    )
+    leaf = scene_leaf(scene)
+    simulation = Simulation(scene, leaf, device)
+    start, frame = simulation.read_frame(1).points, None
+    for frame in simulation.frames():
+        pass
+    assert simulation.state["pinned"].numpy().sum() > 3
+    # Least water: 0.2, at which it has shrunk by 15 %.
+    assert np.abs(frame.points - 0.85 * start).max() < 1e-3 * leaf.length
+
+
+def test_every_leaf_of_many_is_held_by_its_own(small_scene: Path, scene_leaf, device) -> None:
+    """Where only one of them shrinks, only that one's held vertices move."""
+    scene = load_scene(small_scene).with_changes({"leaves.count": 3, "motion.clamp": True})
+    leaf = scene_leaf(scene)
+    simulation = Simulation(scene, leaf, device)
+    state, own = simulation.state, leaf.vertex_slices[1]
+    start, lengths = state["position"].numpy().copy(), state["edge_rest_length"].numpy().copy()
+    of_second = (leaf.mesh.edges[:, 0] >= own.start) & (leaf.mesh.edges[:, 0] < own.stop)
+    lengths[of_second] *= 0.5
+    state.upload("edge_rest_length", lengths)
+    simulation.stage("hold").run()
+    moved, pinned = state["position"].numpy(), state["pinned"].numpy()
+    second = np.zeros(len(start), bool)
+    second[own] = True
+    assert (moved[~(pinned & second)] == start[~(pinned & second)]).all()
+    np.testing.assert_allclose(moved[pinned & second], 0.5 * start[pinned & second], rtol=1e-5)
