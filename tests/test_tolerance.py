@@ -389,3 +389,51 @@ def test_without_a_tolerance_nothing_of_it_is_loaded(small_scene: Path, tmp_path
         "print([name for name in sys.modules if name.startswith('leafwarp.study')])"
     )
     assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "[]\n"
+
+
+# Fluid steps, which look after themselves.
+
+
+def asked_for(small_scene: Path, **changes) -> Scene:
+    """The small scene with a tolerance, and with keys of its fluid's own."""
+    data = without_decided(small_scene, tolerance=0.01)
+    data["fluid"] |= changes
+    return Scene.checked(data, "scene")
+
+
+def test_a_tolerance_lets_fluid_steps_adapt(small_scene: Path) -> None:
+    scene = asked_for(small_scene)
+    for level in (None, 0, 3):
+        fluid = (scene if level is None else at_level(scene, level)).fluid
+        assert (fluid.scheme, fluid.order, fluid.step_tolerance) == ("unsplit", 2, pytest.approx(1e-3))
+        assert fluid.step == scene.time.duration / 40
+
+
+@pytest.mark.parametrize(
+    "said", [{"step": 300.0}, {"order": 1}, {"order": 2}, {"order": 2, "step_tolerance": 0.02}, {"scheme": "split"}]
+)
+def test_steps_that_the_scene_gives_stand(small_scene: Path, said: dict) -> None:
+    fluid = at_level(asked_for(small_scene, **said), 2).fluid
+    assert {key: getattr(fluid, key) for key in said} == said
+    assert fluid.step_tolerance == said.get("step_tolerance")
+
+
+def test_steps_stay_even_where_a_set_is_kept(small_scene: Path) -> None:
+    data = without_decided(small_scene, tolerance=0.01)
+    data["shrink"]["plastic_set"] = 0.3
+    assert Scene.checked(data, "scene").fluid.step_tolerance is None
+
+
+def test_adapted_steps_leave_the_tolerance_to_map_and_mesh(small_scene: Path, scene_leaf, device) -> None:
+    """Water cut off in mid-film: the steps shorten there, and steps a tenth as wrong change a tenth of the tolerance."""
+    fast = {"source.conductance": 20.0 / 3600.0, "fluid.vein_diffusivity": 1e-5, "fluid.lamina_diffusivity": 1e-8}
+    coarse = {"maps.size": 24, "mesh.vertices": 60, "tolerance": None}
+    scene = at_level(asked_for(small_scene), 0).with_changes(coarse | fast)
+    films, simulation = [], None
+    for share in (1.0, 0.05):
+        one = scene.with_changes({"fluid.step_tolerance": share * scene.fluid.step_tolerance})
+        simulation = Simulation(one, scene_leaf(one), device)
+        films.append([frame.points for frame in simulation.frames()])
+        assert simulation.fluid.shortest_step < scene.fluid.step and simulation.fluid.steps_over_tolerance == 0
+    distance = np.sqrt(np.mean(np.square(np.subtract(*films)).sum(axis=-1)))
+    assert 0.0 < distance < 0.1 * 0.01 * 0.08

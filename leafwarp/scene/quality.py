@@ -3,6 +3,9 @@
 From a level to the next but one, cells and edges become half as long and fluid steps half as long: all errors are of
 first order, so each is halved. Water flows by the unsplit scheme, whose error falls with the map where that of the
 split one rises with it.
+
+Where a tolerance is asked for, fluid steps look after themselves: they are of second order, and each is halved until
+its two halves tell an error that leaves the tolerance to what they cannot see, the map and the mesh.
 """
 
 from __future__ import annotations
@@ -16,6 +19,10 @@ if TYPE_CHECKING:
 # Levels of the presets, on the front of speed and accuracy of the shipped scenes (benchmarks/presets.py).
 QUALITIES = {"draft": 0, "balanced": 2, "final": 4}
 HIGHEST_LEVEL = 7
+# Fluid steps of a film with a tolerance: the fewest in the whole plant time, and the error of the water that each may
+# have, over the tolerance of the shape, which is off by a fraction of what the water is.
+FEWEST_STEPS = 40
+STEP_SHARE = 0.1
 # Keys that a quality or a tolerance decides where the scene leaves them out.
 DECIDED = ("mesh.vertices", "maps.size", "fluid.step", "fluid.scheme")
 
@@ -27,7 +34,7 @@ class Resolution:
     Attributes:
         cells: Of the map, across.
         vertices: Of the mesh.
-        fluid_steps: In the whole plant time.
+        fluid_steps: In the whole plant time, where they do not adapt.
     """
 
     cells: int
@@ -47,7 +54,23 @@ class Resolution:
             values["maps.size"] = self.cells
         if scene.fluid is not None:
             values |= {"fluid.step": scene.time.duration / self.fluid_steps, "fluid.scheme": "unsplit"}
+        if _steps_adapt(scene):
+            values |= {
+                "fluid.step": scene.time.duration / FEWEST_STEPS,
+                "fluid.order": 2,
+                "fluid.step_tolerance": STEP_SHARE * scene.tolerance,
+            }
         return {key: value for key, value in values.items() if not _is_given(scene, key)}
+
+
+def _steps_adapt(scene: Scene) -> bool:
+    """Whether a tolerance decides the length of each fluid step: where the scene says nothing of steps itself, water
+    does not flow by the split scheme, and no set is kept of what it was at the end of known steps."""
+    if scene.tolerance is None or scene.fluid is None or scene.keeps_a_set:
+        return False
+    if _is_given(scene, "fluid.scheme") and scene.fluid.scheme == "split":
+        return False
+    return not any(_is_given(scene, f"fluid.{name}") for name in ("step", "order", "step_tolerance"))
 
 
 def _is_given(scene: Scene, key: str) -> bool:
