@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any
 
 from leafwarp.errors import SimulationError
@@ -30,11 +31,11 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
     from leafwarp.sim.simulation import Simulation
 
     simulation = Simulation(scene, leaf, check_device(device))
-    parts = simulation.couplings_per_frame
-    at_a_time = simulation.motion.required_substeps(1.0 / (scene.time.fps * parts))
-    substeps = parts * at_a_time
     intervals = max(scene.time.frames - 1, 1)
     moments = [moment for frame in range(2, scene.time.frames + 1) for moment in simulation.moments(frame)]
+    moves = max(1.0, sum(moment.share > 0.0 for moment in moments) / intervals)
+    at_a_time = simulation.motion.required_substeps(1.0 / (scene.time.fps * moves))
+    substeps = round(moves * at_a_time) if math.isfinite(at_a_time) else at_a_time
     couplings = sum(len(moment.looks) for moment in moments) / intervals
     motions = sum(moment.on_path + (moment.share > 0.0) for moment in moments) / intervals
     fluid_steps = simulation.fluid.steps.count if simulation.fluid is not None and scene.time.frames > 1 else 0

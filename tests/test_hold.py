@@ -38,6 +38,26 @@ def test_a_vertex_that_was_let_go_is_left_alone(device, precision) -> None:
 
 
 @pytest.mark.parametrize("method", ["explicit", "implicit", "quasistatic"])
+def test_held_vertices_have_the_velocity_that_they_move_by(method: str, scene_leaf, device) -> None:
+    """And are where the springs around them want them."""
+    scene = load_scene(STILL).with_changes({"motion.method": method, "motion.clamp": True, "time.frames": 12})
+    leaf = scene_leaf(scene)
+    simulation = Simulation(scene, leaf, device)
+    start, lengths = (simulation.state[name].numpy().astype(float) for name in ("position", "edge_rest_length"))
+    pinned = simulation.state["pinned"].numpy()
+    touching = pinned[leaf.mesh.edges].any(axis=1)
+    before = start
+    for frame in simulation.frames():
+        scale = (simulation.state["edge_rest_length"].numpy() / lengths)[touching].mean()
+        np.testing.assert_allclose(frame.points[pinned], scale * start[pinned], atol=1e-6 * leaf.length)
+        if frame.index > 4:  # water falls as steeply from there on
+            moved = (frame.points - before)[pinned] * scene.time.fps
+            np.testing.assert_allclose(frame.velocities[pinned], moved, atol=1e-5)
+        before = frame.points
+    assert scale < 0.9 and np.abs(moved).max() > 1e-4
+
+
+@pytest.mark.parametrize("method", ["explicit", "implicit", "quasistatic"])
 def test_a_leaf_that_shrinks_alike_everywhere_neither_turns_nor_strains(method: str, scene_leaf, device) -> None:
     """Held at three vertices that stayed apart, it turned by 2.4 degrees."""
     scene = load_scene(STILL).with_changes(

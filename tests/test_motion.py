@@ -7,7 +7,7 @@ import pytest
 
 from leafwarp.errors import SimulationError
 from leafwarp.sim.blocks import BLOCK
-from leafwarp.sim.motion import Motion
+from leafwarp.sim.motion import _NOTHING, Motion
 from leafwarp.sim.stable_step import step_limit
 from meshes import leaf_of, mesh_of, one_triangle, scene_of, strip
 from structure_reference import ROUNDING, crumpled, rig_of, stiffness_matrix
@@ -131,6 +131,20 @@ def test_the_damping_time_is_that_of_a_wave_whatever_the_mesh(device):
     np.testing.assert_allclose(times, 2.0 * 0.1 / wave, rtol=1e-6)
 
 
+def test_the_damped_wave_is_that_of_the_saturated_leaf(device):
+    def damping_time(**structure):
+        rig = rig_of(scene_of(structure | {"damping": 0.01}), strip(columns=8), device, "float64")
+        rig.motion()
+        return float(rig.get("damping_time")[0]), rig.stage("stable_step").largest_squared_frequency()
+
+    soft, _ = damping_time(membrane_stiffness=0.05)
+    softened, _ = damping_time(membrane_stiffness=5.0, stiffness=[[0.2, 1.0], [1.0, 0.01]])
+    assert softened == pytest.approx(soft)
+    # Without a membrane there is no such wave.
+    alone, squared = damping_time(membrane_stiffness=0.0, bending_stiffness=1e-3)
+    assert alone == pytest.approx(2.0 * 0.01 / np.sqrt(squared), rel=1e-5)
+
+
 def test_no_oscillation_is_damped_more_than_half_critically(device):
     rig = rig_of(scene_of({"bending_stiffness": 1.0, "damping": 1.0}), strip(columns=8), device, "float64")
     rig.motion()
@@ -243,13 +257,14 @@ def test_any_number_of_substeps_is_the_same_as_one_by_one(count, device, precisi
         rig = rig_of(scene_of(BENDING, {"gravity": [0, 0, -9.81]}), strip(columns=6), device, precision)
         motion = rig.motion()
         for _ in range(count // chunk):
-            motion._run_substeps(chunk, 1e-5, motion._stages, None)
+            motion._run_substeps(chunk, 1e-5, motion._stages, _NOTHING)
         positions.append(rig.get("position"))
     assert (positions[0] == positions[1]).all()
 
 
 def test_launches_inside_graphs_are_counted(device, precision):
-    rig = rig_of(scene_of(BENDING, {"gravity": [0, 0, -9.81]}), strip(columns=8), device, precision)
+    scene = scene_of(BENDING, {"gravity": [0, 0, -9.81]}, shrink={"curve": [[1.0, 0.0], [0.2, 0.1]]})
+    rig = rig_of(scene, strip(columns=8), device, precision)
     motion, guard, ramp = rig.motion(), rig.stage("stable_step"), rig.stage("ramp")
     each = sum(stage.launches for stage in rig.stages if stage.rate == "substep")
     counts = []
@@ -257,9 +272,42 @@ def test_launches_inside_graphs_are_counted(device, precision):
         before = rig.state.launch_count
         counts.append(motion.advance(FRAME, frame))
         assert counts[-1] > BLOCK // 8
-        ramped = ramp.launches_in(counts[-1])
+        ramped = ramp.launches_in(counts[-1]) + rig.stage("hold").launches_in(counts[-1])
         assert rig.state.launch_count - before == counts[-1] * each + guard.launches + ramped
     assert motion.substeps == sum(counts) and motion.largest_substeps == max(counts)
+
+
+def test_a_frame_is_safe_from_its_first_parameters_to_its_last(device, precision):
+    for change in (1.0 / 16.0, 16.0):
+        rig = rig_of(scene_of({"stiffness": [[0.2, 2.0], [1.0, 1.0]]}), strip(columns=8), device, precision)
+        motion = rig.motion()
+        stiffest = motion.required_substeps(FRAME) * max(1.0, change**0.5)
+        rig.put(edge_stiffness=change * rig.get("edge_stiffness"))
+        assert motion.advance(FRAME, 1) >= 0.95 * stiffest
+        assert motion.retries == 0
+
+
+def test_a_refused_frame_leaves_no_trace_in_the_next_ones_substeps(device, precision):
+    rig = rig_of(scene_of(BENDING, solver={"maximum_substeps": 64}), strip(columns=8, jitter=0.2), device, precision)
+    motion = rig.motion()
+    needed = motion.required_substeps(FRAME)
+    rig.put(velocity=30.0 * np.random.default_rng(0).normal(size=(rig.leaf.mesh.vertex_count, 3)))
+    with pytest.raises(SimulationError):
+        motion.advance(FRAME, 1)
+    assert motion.required_substeps(FRAME) == needed
+
+
+def test_settling_lets_nothing_follow_the_water(device, precision):
+    motion = {"wind": [0.0, 0.0, 0.2], "drag": 20.0, "clamp": True}
+    shrink = {"curve": [[1.0, 0.0], [0.2, 0.1]]}
+    rig = rig_of(scene_of(BENDING, motion, shrink=shrink), strip(columns=6), device, precision)
+    moving = rig.motion()
+    moving.advance(FRAME, 1)
+    clock = rig.get("ramp_clock").tobytes()
+    rig.put(edge_rest_length=0.99 * rig.get("edge_rest_length"))
+    lengths = rig.get("edge_rest_length").tobytes()
+    moving.settle()
+    assert rig.get("ramp_clock").tobytes() == clock and rig.get("edge_rest_length").tobytes() == lengths
 
 
 def test_nothing_is_allocated_in_a_frame(device, precision, monkeypatch):

@@ -108,12 +108,12 @@ def test_launches_are_those_of_the_plan(census) -> None:
     still = census["still"]
     substeps = sum(still["substeps"])
     # Every eight substeps the ramp of rest lengths and masses, and the hold; the ramp's clock every block; the ramp's
-    # beginning, its end and what comes next; the hold at the end.
+    # beginning, its end and what comes next; the hold at the end, and its velocity.
     blocks = [32] * (substeps // 32) + [2**power for power in range(5) if substeps % 32 >> power & 1]
     ramps = sum(max(1, size // 8) for size in blocks)
     # Two readings of normals and, for the second frame: rest lengths, mass, five for the stable step (bound and stretch
     # before and after, and the way gone), and edge springs, their sum and integration a substep.
-    assert still["launches"] == 2 + 2 + 5 + 2 * ramps + len(blocks) + 3 + 1 + 3 * substeps
+    assert still["launches"] == 2 + 2 + 5 + 2 * ramps + len(blocks) + 3 + 2 + 3 * substeps
     per_substep = 6  # edge springs of the margin, hinges with the others, the sum, gravity, air, integration
     bramble = census["bramble"]
     assert bramble["launches"] > per_substep * sum(bramble["substeps"])
@@ -211,3 +211,21 @@ def test_couplings_and_equilibria_are_as_many_as_planned(
     }
     assert runs == {"rest_lengths": counted["_couple"], "quasistatic_motion": counted["follow"] + counted["advance"]}
     assert counted["follow"] == 24 and counted["advance"] == frames - 1
+
+
+@pytest.mark.parametrize("interval", [None, 120.0, 1800.0])
+def test_what_follows_the_water_is_launched_as_planned(interval: float | None, scene_leaf, leaf_cache) -> None:
+    """By ramp and hold, however often a frame is divided."""
+    scene = load_scene(ROOT / "scenes" / "still.toml").with_changes(
+        {"mesh.vertices": 150, "time.frames": 5, "time.duration": 1440.0, "solver.coupling_interval": interval}
+    )
+    simulation = Simulation(scene, scene_leaf(scene))
+    stages = [simulation.stage(name) for name in ("ramp", "hold")]
+    planned = {stage["name"]: stage["launches_per_frame"] for stage in plan_report(scene, "cpu")["stages"]}
+    motion, taken = simulation.motion, []
+    run = motion._run_substeps
+    motion._run_substeps = lambda count, *rest: (taken.append(count), run(count, *rest))
+    list(simulation.frames())
+    for stage in stages:
+        counted = sum(stage.launches_in(count) for count in taken) / (scene.time.frames - 1)
+        assert planned[stage.name] == pytest.approx(counted, rel=0.15), stage.name

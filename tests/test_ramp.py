@@ -105,7 +105,7 @@ def test_a_frame_is_redone_from_its_own_beginning(device, precision) -> None:
         motion = rig.motion()
         rig.put(edge_rest_length=0.95 * rig.get("edge_rest_length"))
         rig.stage("ramp").aim()
-        used = motion._advance_checked(0.01, begun, 64, 1, motion._stages, motion._ramp)
+        used = motion._advance_checked(0.01, begun, 64, 1, motion._stages, motion._following)
         assert used == 8 and motion.retries == (3 if begun == 1 else 0)
         results.append(rig.state["position"].numpy().tobytes())
     assert results[0] == results[1]

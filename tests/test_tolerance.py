@@ -425,7 +425,7 @@ def test_steps_stay_even_where_a_set_is_kept(small_scene: Path) -> None:
 
 
 def test_adapted_steps_leave_the_tolerance_to_map_and_mesh(small_scene: Path, scene_leaf, device) -> None:
-    """Water is cut off in mid-film: steps shorten, and much smaller errors of theirs change a tenth of the tolerance."""
+    """Water is cut off in mid-film: steps shorten, and smaller errors of theirs change a tenth of the tolerance."""
     fast = {"source.conductance": 20.0 / 3600.0, "fluid.vein_diffusivity": 1e-5, "fluid.lamina_diffusivity": 1e-8}
     coarse = {"maps.size": 24, "mesh.vertices": 60, "tolerance": None}
     scene = at_level(asked_for(small_scene), 0).with_changes(coarse | fast)

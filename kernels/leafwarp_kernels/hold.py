@@ -16,25 +16,45 @@ wp.set_module_options({"enable_backward": False})
 @wp.kernel
 def hold(
     # inputs:
+    vertex_start: wp.array[wp.int32],
     vertices: wp.array[wp.int32],
-    leaves: wp.array[wp.int32],
     position_start: wp.array[Any],
     pinned: wp.array[wp.bool],
-    edge_start: wp.array[wp.int32],
-    edges: wp.array[wp.int32],
+    spring_start: wp.array[wp.int32],
+    springs: wp.array[wp.int32],
     rest_length_start: wp.array[wp.Float],
     rest_length: wp.array[wp.Float],
     # outputs:
     position_out: wp.array[Any],
 ):
-    """Put one held vertex where the shrinking takes it; leaf k has the springs ``edges`` from ``edge_start[k]`` on."""
+    """Put the held vertices of one leaf where the shrinking takes them; leaf k's are ``vertices`` from
+    ``vertex_start[k]`` on, its springs likewise."""
+    leaf = wp.tid()
+    total = rest_length.dtype(0.0)
+    for spring in range(spring_start[leaf], spring_start[leaf + 1]):
+        total += rest_length[springs[spring]] / rest_length_start[spring]
+    scale = total / rest_length.dtype(spring_start[leaf + 1] - spring_start[leaf])
+    for held in range(vertex_start[leaf], vertex_start[leaf + 1]):
+        vertex = vertices[held]
+        if pinned[vertex]:
+            position_out[vertex] = scale * position_start[held]
+
+
+@wp.kernel
+def carry(
+    # inputs:
+    vertices: wp.array[wp.int32],
+    pinned: wp.array[wp.bool],
+    position: wp.array[Any],
+    duration: wp.array[wp.Float],
+    # in and out:
+    position_before: wp.array[Any],
+    # outputs:
+    velocity_out: wp.array[Any],
+):
+    """Give one held vertex the mean velocity of a span of playback time, and remember where it is."""
     held = wp.tid()
     vertex = vertices[held]
-    if not pinned[vertex]:
-        return
-    first = edge_start[leaves[held]]
-    last = edge_start[leaves[held] + 1]
-    total = rest_length.dtype(0.0)
-    for spring in range(first, last):
-        total += rest_length[edges[spring]] / rest_length_start[spring]
-    position_out[vertex] = (total / rest_length.dtype(last - first)) * position_start[held]
+    if pinned[vertex]:
+        velocity_out[vertex] = (position[vertex] - position_before[held]) / duration[0]
+    position_before[held] = position[vertex]

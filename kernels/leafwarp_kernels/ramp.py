@@ -1,4 +1,5 @@
-"""What follows the water goes from one coupling to the next in a straight line of playback time, not in a jump::
+"""What follows the water goes from one coupling to the next in a straight line of the playback time that ends with it
+(a frame at most), not in a jump::
 
     p(s) = (1 - s) p_before + s p_after                                    s = share of the span that has passed
 

@@ -42,7 +42,8 @@ class SolverTable(Table):
     coupling_interval: Annotated[Time, Bounds(0.0, 1e12, "s", above=True)] | None = Field(
         None,
         description="Plant time between two moments at which the structure is told of the water [s], held to a whole "
-        "number of them; frames in between show the water of the last one. Default: at every frame, and in between "
+        "number of them; frames in between show the water of the last one, and the structure goes over to the next in "
+        "the motion that ends with it, a frame at most. Default: at every frame, and in between "
         "where explicit motion would feel a jump.",
     )
 

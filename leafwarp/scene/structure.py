@@ -109,7 +109,7 @@ class StructureTable(Table):
     damping: Share = Field(
         0.05,
         description="Damping along springs and hinges: damping ratio of a stretching wave a fortieth of the leaf's "
-        "length long.",
+        "length long; no oscillation of the mesh is damped more than half critically.",
     )
 
     @property
@@ -137,7 +137,9 @@ class MotionTable(Table):
         None, description="Speed of the air [m/s], which drags the leaf along; left out: still air."
     )
     pin_radius: Annotated[Length, Bounds(0.0, unit="m")] | None = Field(
-        None, description="Vertices this near the petiole base are held [m]; left out: 3 % of the leaf's length."
+        None,
+        description="Vertices this near the petiole base are held [m], and shrink with the leaf; left out: 3 % of the "
+        "leaf's length.",
     )
     clamp: Switch = Field(False, description="Also hold the first row of triangles past the pins (the direction, too).")
     settle: Switch = Field(

@@ -14,45 +14,61 @@ from leafwarp_kernels import hold
 
 
 class Hold(Stage):
-    """Lets the held vertices follow the rest lengths around them. What moves the leaf runs it whenever these change."""
+    """Lets the held vertices follow the rest lengths around them. What moves the leaf runs it whenever these change
+    from those of the first frame, and has it :meth:`carry` the velocities at the end of a span of playback time."""
 
     name = "hold"
-    purpose = "the held tissue at the petiole's base shrinks as the leaf around it does"
+    purpose = "the held tissue at the petiole's base shrinks as the leaf around it does, every few substeps"
     rate = "frame"
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
         self._vertices = np.flatnonzero(material.pinned_vertices(leaf, scene.motion))
-        starts = np.array([own.start for own in leaf.vertex_slices])
-        self._leaves = np.searchsorted(starts, self._vertices, side="right") - 1
-        edges = leaf.mesh.edges
-        touching = np.flatnonzero(np.isin(edges, self._vertices).any(axis=1))
-        own = np.searchsorted(starts, edges[touching, 0], side="right") - 1
-        order = np.argsort(own, kind="stable")
-        self._edges = touching[order]
-        self._edge_start = np.searchsorted(own[order], np.arange(len(starts) + 1))
-        held, springs = len(self._vertices), len(self._edges)
+        starts = np.array([*(own.start for own in leaf.vertex_slices), leaf.mesh.vertex_count])
+        self._vertex_start = np.searchsorted(self._vertices, starts)
+        touching = np.flatnonzero(np.isin(leaf.mesh.edges, self._vertices).any(axis=1))
+        self._springs = touching[np.argsort(leaf.mesh.edges[touching, 0], kind="stable")]
+        self._spring_start = np.searchsorted(leaf.mesh.edges[self._springs, 0], starts)
+        held, springs, leaves = len(self._vertices), len(self._springs), len(leaf.vertex_slices)
         self.arrays = (
-            ArraySpec("held_vertices", (held,), "int32", "vertices that are held"),
-            ArraySpec("held_leaves", (held,), "int32", "the leaf of each"),
-            ArraySpec("held_start", (held,), "vector", "where they are in the photo's shape [m]"),
-            ArraySpec("held_edge_start", (len(starts) + 1,), "int32", "where each leaf's springs start"),
-            ArraySpec("held_edges", (springs,), "int32", "springs that touch held vertices, leaf by leaf"),
+            ArraySpec("held_vertices", (held,), "int32", "vertices that are held, leaf by leaf"),
+            ArraySpec("held_vertex_start", (leaves + 1,), "int32", "where each leaf's start"),
+            ArraySpec("held_position_start", (held,), "vector", "where they are in the photo's shape [m]"),
+            ArraySpec("held_position_before", (held,), "vector", "where they were a span of playback time before [m]"),
+            ArraySpec("held_duration", (1,), "real", "length of that span [s]"),
+            ArraySpec("held_springs", (springs,), "int32", "springs that touch held vertices, leaf by leaf"),
+            ArraySpec("held_spring_start", (leaves + 1,), "int32", "where each leaf's start"),
             ArraySpec("held_rest_length", (springs,), "real", "their rest lengths in the photo's shape [m]"),
         )
 
     def launches_in(self, substeps: int) -> int:
+        if self.scene.motion.method == "quasistatic":
+            return 1
         explicit = self.scene.motion.method == "explicit"
-        return 1 + sum(len(shares(size)) for size in blocks(substeps)) if explicit else 1
+        return 2 + (sum(len(shares(size)) for size in blocks(substeps)) if explicit else 0)
 
     def bind(self, state: State) -> None:
+        self._state = state
+        mesh, start = self.leaf.mesh, material.start_positions(self.scene, self.leaf)
         state.upload("held_vertices", self._vertices)
-        state.upload("held_leaves", self._leaves)
-        state.upload("held_start", material.start_positions(self.scene, self.leaf)[self._vertices])
-        state.upload("held_edge_start", self._edge_start)
-        state.upload("held_edges", self._edges)
-        lengths = material.edge_lengths(self.leaf.mesh, material.rest_positions(self.scene, self.leaf))
-        state.upload("held_rest_length", lengths[self._edges])
-        springs = ["held_edge_start", "held_edges", "held_rest_length", "edge_rest_length"]
-        inputs = ["held_vertices", "held_leaves", "held_start", "pinned", *springs]
-        self.commands = [state.record(hold.hold, len(self._vertices), inputs, ["position"])]
+        state.upload("held_vertex_start", self._vertex_start)
+        for name in ("held_position_start", "held_position_before"):
+            state.upload(name, start[self._vertices])
+        state.upload("held_springs", self._springs)
+        state.upload("held_spring_start", self._spring_start)
+        lengths = material.edge_lengths(mesh, material.rest_positions(self.scene, self.leaf))
+        state.upload("held_rest_length", lengths[self._springs])
+        vertices = ["held_vertex_start", "held_vertices", "held_position_start", "pinned"]
+        springs = ["held_spring_start", "held_springs", "held_rest_length", "edge_rest_length"]
+        self.commands = [state.record(hold.hold, len(self._vertex_start) - 1, [*vertices, *springs], ["position"])]
+        self._carry = state.record(
+            hold.carry,
+            len(self._vertices),
+            ["held_vertices", "pinned", "position", "held_duration"],
+            ["held_position_before", "velocity"],
+        )
+
+    def carry(self, duration: float) -> None:
+        """Give the held vertices the velocity that they had over a span of playback time [s]."""
+        self._state.upload("held_duration", np.array([duration]))
+        self._carry.run()

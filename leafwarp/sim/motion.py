@@ -44,6 +44,63 @@ class _Fault:
     is_not_finite: bool = False
 
 
+class _Following:
+    """What follows the water within a span of playback time: the ramp of the structure's parameters, and the hold that
+    these move; nothing where a scene has neither."""
+
+    def __init__(self, ramp: Ramp | None, hold: Hold | None):
+        self._ramp, self._hold = ramp, hold
+
+    @property
+    def is_any(self) -> bool:
+        return self._ramp is not None
+
+    def remember(self) -> None:
+        """Take the parameters of the moment for those that the next span begins with."""
+        if self._ramp is not None:
+            self._ramp.remember()
+
+    def aim(self) -> None:
+        """Take the parameters of the moment for those that the span ends with."""
+        if self._ramp is not None:
+            self._ramp.aim()
+
+    def begin(self, substeps: int) -> None:
+        """Begin the span, or begin it anew."""
+        if self._ramp is not None:
+            self._ramp.begin(substeps)
+
+    def go_to(self, middle: float) -> None:
+        """Go on to the middle of a share of a block, within the block's graph."""
+        if self._ramp is not None:
+            self._ramp.ramp_to(middle).run()
+            self._run_hold()
+
+    def leave(self, size: int) -> None:
+        """Leave a block behind, within its graph."""
+        if self._ramp is not None:
+            self._ramp.passing(size).run()
+
+    def end(self) -> None:
+        """Go on to the span's end."""
+        if self._ramp is not None:
+            self._ramp.end()
+            self._run_hold()
+
+    def arrive(self, duration: float) -> None:
+        """Leave the span behind, with nothing wrong in it."""
+        self.remember()
+        if self._hold is not None:
+            self._hold.carry(duration)
+
+    def _run_hold(self) -> None:
+        if self._hold is not None:
+            self._hold.run()
+
+
+_NOTHING = _Following(None, None)
+
+
 class Motion:
     """Moves the structure from frame to frame by small steps.
 
@@ -85,8 +142,8 @@ class Motion:
         self._stages = [stage for stage in stages if stage.rate == "substep"]
         self._guard = next(stage for stage in stages if isinstance(stage, StableStep))
         self._paper = next((stage for stage in stages if isinstance(stage, PaperBending)), None)
-        self._ramp: Ramp | None = next((stage for stage in stages if stage.name == "ramp"), None)
-        self._hold: Hold | None = next((stage for stage in stages if stage.name == "hold"), None)
+        by_name = {stage.name: stage for stage in stages}
+        self._following = _Following(by_name.get("ramp"), by_name.get("hold"))
         self._gravity = math.hypot(*(scene.motion.gravity or (0.0, 0.0, 0.0))) or STANDARD_GRAVITY
         # Still air only slows the leaf on its way to rest; wind is a load, and its drag brings it to rest.
         self._windy = scene.motion.wind is not None and scene.motion.drag > 0.0
@@ -97,21 +154,17 @@ class Motion:
         self.retries = 0
         self.unbalanced_torque = None if self._paper is None else 0.0
         for power in range(BLOCK.bit_length()):
-            self._graph(2**power, self._stages, self._ramp)
+            self._graph(2**power, self._stages, self._following)
         self.start()
 
     def start(self) -> None:
-        """Fix the damping from the stiffness and masses of the moment.
-
-        Call it again once stiffness and mass have their values of the first frame.
-        """
+        """Begin anew from the stiffness and masses of the moment, which fix the damping."""
         # Leaves share it: that of the shortest suits the steps of all.
         shortest = float(self._lengths.min())
         self._damping_time = damping_time(self._structure, shortest, self._guard.largest_squared_frequency())
         self._state.upload("damping_time", np.array([self._damping_time]))
         self._limit_before = self._limit()
-        if self._ramp is not None:
-            self._ramp.remember()
+        self._following.remember()
 
     def required_substeps(self, frame_duration: float) -> int | float:
         """The fewest substeps that are safe for a frame now; infinite where no step is.
@@ -142,11 +195,9 @@ class Motion:
         if needed > self._maximum:
             fault = find_fault(self._state) or self._refusal(needed, frame_duration)
             raise SimulationError(frame, "motion", fault)
-        if self._ramp is not None:
-            self._ramp.aim()
-        used = self._advance_checked(frame_duration, needed, self._maximum, frame, self._stages, self._ramp)
-        if self._ramp is not None:
-            self._ramp.remember()
+        self._following.aim()
+        used = self._advance_checked(frame_duration, needed, self._maximum, frame, self._stages, self._following)
+        self._following.arrive(frame_duration)
         self.largest_substeps = max(self.largest_substeps, used)
         if self._paper is not None:
             torque = float(np.linalg.norm(self._paper.net_torque()))
@@ -184,7 +235,7 @@ class Motion:
                 fault = find_fault(self._state) or self._refusal(math.inf, math.inf)
                 raise SimulationError(0, "settling", fault)
             duration = min(SETTLING_BLOCK * limit, 0.1 * quarter.min())
-            substeps += self._advance_checked(duration, SETTLING_BLOCK, most, 0, self._settling, None)
+            substeps += self._advance_checked(duration, SETTLING_BLOCK, most, 0, self._settling, _NOTHING)
             energy = self._kinetic_energy(mass)
             now = np.sqrt(energy / pendulum)
             is_calm = now <= tolerance
@@ -216,14 +267,14 @@ class Motion:
         """Share of each stage in the time of a substep, with sum 1.
 
         The substeps run in graphs that cannot be looked into, so each stage is replayed alone; the leaf is put back
-        afterwards.
+        afterwards. What runs every few substeps alone is not counted.
         """
         self._guard.save()
         self._state.upload("time_step", np.zeros(1))
         seconds: dict[str, float] = {}
         counted = self._state.launch_count
         for stage in self._stages:
-            graph, _ = self._graph(BLOCK, [stage], None)
+            graph, _ = self._graph(BLOCK, [stage], _NOTHING)
             laps = []
             for _ in range(REPLAYS):
                 begin = time.perf_counter()
@@ -240,20 +291,19 @@ class Motion:
         return step_limit(self._guard.largest_squared_frequency(), self._damping_time, self._drag)
 
     def _advance_checked(
-        self, duration: float, substeps: int, most: int, frame: int, stages: list[Stage], ramp: Ramp | None
+        self, duration: float, substeps: int, most: int, frame: int, stages: list[Stage], following: _Following
     ) -> int:
         """Run a span of playback time, redone with twice the substeps until nothing is wrong with it."""
         self._guard.save()
         self._stretch_before = self._guard.largest_stretch()
         while True:
-            if ramp is not None:
-                ramp.begin(substeps)
-            self._run_substeps(substeps, duration / substeps, stages, ramp)
-            if ramp is not None:
-                ramp.end()
-                self._follow_hold()
-            fault = self._fault(duration / substeps)
+            following.begin(substeps)
+            self._run_substeps(substeps, duration / substeps, stages, following)
+            following.end()
+            limit = self._limit()
+            fault = self._fault(duration / substeps, limit)
             if fault is None:
+                self._limit_before = limit
                 return substeps
             self._guard.restore()
             # More substeps are of no use to what was wrong before.
@@ -266,7 +316,7 @@ class Motion:
             substeps = min(2 * substeps, most)
             self.retries += 1
 
-    def _run_substeps(self, count: int, step: float, stages: list[Stage], ramp: Ramp | None) -> None:
+    def _run_substeps(self, count: int, step: float, stages: list[Stage], following: _Following) -> None:
         """Run substeps by replaying graphs of blocks of them.
 
         The length of a step lies in an array, not in the graphs: they serve every frame.
@@ -274,30 +324,22 @@ class Motion:
         self._state.upload("time_step", np.array([step]))
         self.substeps += count
         for size in blocks(count):
-            graph, launches = self._graph(size, stages, ramp)
+            graph, launches = self._graph(size, stages, following)
             wp.capture_launch(graph)
             self._state.launch_count += launches
 
-    def _follow_hold(self) -> None:
-        """Let the held vertices follow the rest lengths of the moment."""
-        if self._hold is not None:
-            self._hold.run()
-
-    def _graph(self, count: int, stages: list[Stage], ramp: Ramp | None) -> tuple[wp.Graph, int]:
+    def _graph(self, count: int, stages: list[Stage], following: _Following) -> tuple[wp.Graph, int]:
         """The graph of this many substeps, and its launches; captured when first asked for."""
-        key = (count, ramp is None, *(stage.name for stage in stages))
+        key = (count, following.is_any, *(stage.name for stage in stages))
         if key not in self._graphs:
             before, rounds = self._state.launch_count, self._rounds(stages)
             with wp.ScopedCapture(device=self._state.device, force_module_load=False) as capture:
-                for substeps, middle in shares(count):
-                    if ramp is not None:
-                        ramp.ramp_to(middle).run()
-                        self._follow_hold()
+                for substeps, middle in shares(count) if following.is_any else [(count, 0.0)]:
+                    following.go_to(middle)
                     for launches in rounds:
                         for command in launches * substeps:
                             command.run()
-                if ramp is not None:
-                    ramp.passing(count).run()
+                following.leave(count)
             self._graphs[key] = capture.graph, self._state.launch_count - before
             self._state.launch_count = before
         return self._graphs[key]
@@ -311,8 +353,8 @@ class Motion:
         parts = zip(*(stage.parts for stage in stages), strict=True)
         return [[command for commands in group for command in commands] for group in parts]
 
-    def _fault(self, step: float) -> _Fault | None:
-        """What is wrong with the span that was just run."""
+    def _fault(self, step: float, limit: float) -> _Fault | None:
+        """What is wrong with the span that was just run, in steps of a length, and that is safe now [s]."""
         travel = self._guard.travel()
         if not np.isfinite(travel).all():
             return _Fault("a position or a speed is not a finite number", self._remedy(), is_not_finite=True)
@@ -325,7 +367,6 @@ class Motion:
             return _Fault("the stretch of an edge is not a number", self._remedy(), is_not_finite=True)
         if stretch > max(MOST_STRETCH, self._stretch_before):
             return _Fault(torn(stretch), TORN_REMEDY)
-        limit = self._limit_before = self._limit()
         if not step <= limit:
             safe = f", which needs steps of {self._substep * limit:.3g} s," if limit > 0.0 else ""
             return _Fault(f"the step of {step:.3g} s became too long for the deformed mesh{safe}", self._remedy())

@@ -14,6 +14,7 @@ from typing import Any
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.launch import ArraySpec
+from leafwarp.sim.rest_state import following
 from leafwarp.sim.stage import Stage
 
 GROUPS = ("fluid", "coupling", "motion", "output")
@@ -78,8 +79,7 @@ def _bending_left_out(scene: Scene, leaf: Leaf, how: str) -> str | None:
 
 
 def _ramp_left_out(scene: Scene, leaf: Leaf) -> str | None:
-    follows = scene.shrinks or scene.curls or scene.stiffness_varies or scene.structure.water_mass > 0.0
-    return None if follows else "nothing of the structure follows the water"
+    return None if following(scene, leaf) else "nothing of the structure follows the water"
 
 
 _FLUID, _COUPLING = "leafwarp.sim.fluid", "leafwarp.sim.coupling"

@@ -9,10 +9,9 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim.blocks import BLOCK, blocks, shares
 from leafwarp.sim.launch import ArraySpec, Command, State
+from leafwarp.sim.rest_state import REST_STATE, following
 from leafwarp.sim.stage import Stage
 from leafwarp_kernels.ramp import keep, pass_substeps, ramp
-
-PARAMETERS = ("edge_rest_length", "hinge_rest_angle", "edge_stiffness", "hinge_stiffness", "mass")
 
 
 class Ramp(Stage):
@@ -23,22 +22,12 @@ class Ramp(Stage):
     """
 
     name = "ramp"
-    purpose = "rest shape, stiffness and mass on their way from one coupling to the next"
+    purpose = "rest shape, stiffness and mass on their way from one coupling to the next, every few substeps"
     rate = "frame"
 
     def __init__(self, scene: Scene, leaf: Leaf):
         super().__init__(scene, leaf)
-        mesh = leaf.mesh
-        hinges = mesh.hinge_count if scene.has_angular_springs else 0
-        counts = {
-            "edge_rest_length": scene.shrinks * mesh.edge_count,
-            "hinge_rest_angle": scene.curls * hinges,
-            "edge_stiffness": scene.stiffness_varies * mesh.edge_count,
-            "hinge_stiffness": scene.stiffness_varies * hinges,
-            "mass": (scene.structure.water_mass > 0.0) * mesh.vertex_count,
-        }
-        self._counts = {name: counts[name] for name in PARAMETERS if counts[name] > 0}
-        self.host_reads = self.host_writes = tuple(self._counts)
+        self._counts = following(scene, leaf)
         self.arrays = (
             ArraySpec("ramp_clock", (2,), "real", "share of the span that has passed, and that of a substep"),
             *(
@@ -54,7 +43,7 @@ class Ramp(Stage):
         nothing = wp.empty(0, dtype=state["ramp_clock"].dtype, device=state.device)
 
         def named(suffix: str = "") -> list[object]:
-            return [name + suffix if name in self._counts else nothing for name in PARAMETERS]
+            return [name + suffix if name in self._counts else nothing for name in REST_STATE]
 
         now, before, after = named(), named("_before"), named("_after")
         ends = [array for pair in zip(before, after, strict=True) for array in pair]
@@ -68,7 +57,6 @@ class Ramp(Stage):
         self._remember = state.record(keep, count, now, before)
         self._aim = state.record(keep, count, now, after)
         self._end = state.record(keep, count, after, now)
-        self.commands = [*(self.ramp_to(middle) for _, middle in shares(BLOCK)), self.passing(BLOCK)]
 
     def launches_in(self, substeps: int) -> int:
         return 3 + sum(len(shares(size)) + 1 for size in blocks(substeps))

@@ -109,10 +109,11 @@ class FrequencyBound:
 
 
 def damping_time(structure: StructureTable, length: float, squared_frequency: float) -> float:
-    """The damping time of springs ``tau = 2 zeta / omega`` [s], the same for every mesh; 0 where nothing oscillates.
+    """The damping time of springs ``tau = 2 zeta / omega`` [s]; 0 where nothing oscillates.
 
-    ``omega`` is that of a wave in the saturated lamina, :data:`DAMPED_WAVE` of the leaf's length long. No oscillation
-    of the mesh is damped more than half critically, so that explicit steps stay long enough on meshes with short edges.
+    ``omega`` is that of a wave in the saturated lamina, :data:`DAMPED_WAVE` of the leaf's length long, so the same for
+    every mesh; without a membrane, that of the mesh's fastest oscillation, which is never damped more than half
+    critically, so that explicit steps stay long enough on meshes with short edges.
 
     Args:
         structure: Its stiffness, masses and damping ratio ``zeta``.
@@ -121,9 +122,11 @@ def damping_time(structure: StructureTable, length: float, squared_frequency: fl
     """
     if not squared_frequency > 0.0 or structure.damping == 0.0:
         return 0.0
-    speed = math.sqrt(structure.membrane_stiffness / (structure.dry_mass + structure.water_mass))
-    wave = 2.0 * math.pi * speed / (DAMPED_WAVE * length)
-    return 2.0 / max(2.0 * math.sqrt(squared_frequency), wave / structure.damping)
+    fastest = math.sqrt(squared_frequency)
+    stiffness = structure.membrane_stiffness * float(np.interp(1.0, *zip(*structure.stiffness_factor, strict=True)))
+    speed = math.sqrt(stiffness / (structure.dry_mass + structure.water_mass))
+    wave = 2.0 * math.pi * speed / (DAMPED_WAVE * length) or fastest
+    return 2.0 / max(2.0 * fastest, wave / structure.damping)
 
 
 class StableStep(Stage):

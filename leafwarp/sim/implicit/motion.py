@@ -16,10 +16,11 @@ from leafwarp.sim.guards import find_fault
 from leafwarp.sim.implicit import NotConverged
 from leafwarp.sim.implicit.newton import Accuracy, Memory, Newton
 from leafwarp.sim.implicit.relaxation import keeps_from_turning, relax, turned_back
-from leafwarp.sim.implicit.stages import REST_STATE, ImplicitMotion, PotentialMotion
+from leafwarp.sim.implicit.stages import ImplicitMotion, PotentialMotion
 from leafwarp.sim.implicit.threads import one_thread
 from leafwarp.sim.launch import State
 from leafwarp.sim.limits import FARTHEST_TRAVEL, MOST_STRETCH, STANDARD_GRAVITY, TORN_REMEDY, thrown, torn
+from leafwarp.sim.rest_state import REST_STATE
 from leafwarp.sim.settled import Settled
 from leafwarp.sim.stable_step import damping_time
 
@@ -266,6 +267,8 @@ class ImplicitEuler(NewtonMotion):
             done += size
             steps += 1
             self.substeps += 1
+        if self._hold is not None:
+            self._hold.carry(duration)
         return steps
 
 

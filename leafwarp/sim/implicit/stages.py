@@ -9,12 +9,11 @@ from leafwarp.scene import Scene
 from leafwarp.sim.forces import edge_arrays, fill_edges, fill_hinges, fill_vertices, hinge_arrays, vertex_arrays
 from leafwarp.sim.implicit.potential import Potential
 from leafwarp.sim.launch import ArraySpec, Command, State
+from leafwarp.sim.rest_state import REST_STATE
 from leafwarp.sim.stable_step import FrequencyBound
 from leafwarp.sim.stage import Stage
 from leafwarp_kernels import implicit_step
 
-# What the coupling sets and quasistatic motion goes toward in parts if it must.
-REST_STATE = ("edge_rest_length", "edge_stiffness", "hinge_rest_angle", "hinge_stiffness", "mass")
 _READS = ("position", "velocity", "pinned", "mass", "edge_rest_length", "edge_stiffness")
 _WRITES = ("position", "velocity", "time_step", "damping_share", "inertia", "goal")
 
