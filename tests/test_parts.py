@@ -28,7 +28,7 @@ STAGES = {
     "gravity": {"gravity"},
     "air": {"air"},
     "curl": {"rest_angles"},
-    "shrink": {"rest_lengths"},
+    "shrink": {"rest_lengths", "hold"},
     "bending": {"rest_angles", "angular_springs"},
     "veins in structure": {"sample_venation"},
     "source": {"source"},
