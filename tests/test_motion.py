@@ -145,11 +145,11 @@ def test_the_damped_wave_is_that_of_the_saturated_leaf(device):
     assert alone == pytest.approx(2.0 * 0.01 / np.sqrt(squared), rel=1e-5)
 
 
-def test_no_oscillation_is_damped_more_than_half_critically(device):
-    rig = rig_of(scene_of({"bending_stiffness": 1.0, "damping": 1.0}), strip(columns=8), device, "float64")
+def test_no_oscillation_is_damped_by_more_than_twice_the_ratio(device):
+    rig = rig_of(scene_of({"bending_stiffness": 1.0, "damping": 0.3}), strip(columns=8), device, "float64")
     rig.motion()
     largest = rig.stage("stable_step").largest_squared_frequency()
-    assert rig.get("damping_time")[0] == pytest.approx(1.0 / np.sqrt(largest), rel=1e-5)
+    assert rig.get("damping_time")[0] == pytest.approx(2.0 * 0.6 / np.sqrt(largest), rel=1e-5)
 
 
 @pytest.mark.parametrize(("tau", "drag"), [(0.0, 0.0), (1e-3, 0.0), (1e-1, 3.0), (0.0, 50.0)])

@@ -109,7 +109,7 @@ class StructureTable(Table):
     damping: Share = Field(
         0.05,
         description="Damping along springs and hinges: damping ratio of a stretching wave a fortieth of the leaf's "
-        "length long; no oscillation of the mesh is damped more than half critically.",
+        "length long; no oscillation of the mesh is damped by more than twice that.",
     )
 
     @property

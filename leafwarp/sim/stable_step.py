@@ -112,8 +112,8 @@ def damping_time(structure: StructureTable, length: float, squared_frequency: fl
     """The damping time of springs ``tau = 2 zeta / omega`` [s]; 0 where nothing oscillates.
 
     ``omega`` is that of a wave in the saturated lamina, :data:`DAMPED_WAVE` of the leaf's length long, so the same for
-    every mesh; without a membrane, that of the mesh's fastest oscillation, which is never damped more than half
-    critically, so that explicit steps stay long enough on meshes with short edges.
+    every mesh; without a membrane, that of the mesh's fastest oscillation. That one is never damped by more than twice
+    the ratio, so that explicit steps stay long on meshes with short edges or stiff hinges.
 
     Args:
         structure: Its stiffness, masses and damping ratio ``zeta``.
@@ -126,7 +126,7 @@ def damping_time(structure: StructureTable, length: float, squared_frequency: fl
     stiffness = structure.membrane_stiffness * float(np.interp(1.0, *zip(*structure.stiffness_factor, strict=True)))
     speed = math.sqrt(stiffness / (structure.dry_mass + structure.water_mass))
     wave = 2.0 * math.pi * speed / (DAMPED_WAVE * length) or fastest
-    return 2.0 / max(2.0 * fastest, wave / structure.damping)
+    return 2.0 * structure.damping / max(0.5 * fastest, wave)
 
 
 class StableStep(Stage):
