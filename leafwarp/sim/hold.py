@@ -18,7 +18,7 @@ class Hold(Stage):
     from those of the first frame, and has it :meth:`carry` the velocities at the end of a span of playback time."""
 
     name = "hold"
-    purpose = "the held tissue at the petiole's base shrinks as the leaf around it does, every few substeps"
+    purpose = "the held tissue at the petiole's base shrinks as the leaf around it does"
     rate = "frame"
 
     def __init__(self, scene: Scene, leaf: Leaf):
