@@ -92,6 +92,24 @@ def test_combinations_promise_what_their_parts_do() -> None:
     assert all(setting.map_size == BASE.map_size for setting in found)
 
 
+def test_of_too_many_combinations_those_of_beaten_choices_are_left_out(monkeypatch) -> None:
+    """A study of twenty minutes on blade.toml came to 6336, and ended in a traceback."""
+    vertices = {replace(BASE, vertices=count): 50.0 / count for count in range(50, 2000, 50)}
+    steps = {replace(BASE, fluid_step=3.0 * count): 0.01 * count for count in range(1, 40)}
+    beaten = {replace(BASE, fluid_step=3.0 * count + 1.0): 0.9 for count in range(1, 40)}
+    measured = vertices | steps | beaten | {BASE: 0.2}
+
+    def seconds(setting: Setting) -> float:
+        return 100.0 / setting.fluid_step + setting.vertices
+
+    wanted = combinations(BASE, measured, seconds)
+    monkeypatch.setattr("leafwarp.study.tradeoff.explore.MOST_COMBINATIONS", 40 * 41)
+    assert combinations(BASE, measured, seconds) == wanted
+    monkeypatch.setattr("leafwarp.study.tradeoff.explore.MOST_COMBINATIONS", 100)
+    few = combinations(BASE, measured, seconds)
+    assert 1 < len(few) <= 100
+
+
 def test_a_reference_that_finer_steps_move_away_from_is_not_converged() -> None:
     def errors(*found: float, **choices) -> dict[Setting, float]:
         return {

@@ -53,10 +53,10 @@ def combinations(
         film_seconds: Expected wall time of a film [s].
     """
     options = [_options(base, group, measured) for group in GROUPS]
-    count = math.prod(len(group) for group in options)
-    if count > MOST_COMBINATIONS:
-        raise ValueError(f"{count} combinations; accepted: at most {MOST_COMBINATIONS}")
     least = min(measured.values())
+    while math.prod(map(len, options)) > MOST_COMBINATIONS:
+        longest = max(range(len(options)), key=lambda k: len(options[k]))
+        options[longest] = _fewer(options[longest], measured, film_seconds, least)
     guesses = []
     for chosen in itertools.product(*options):
         setting = base
@@ -69,6 +69,16 @@ def combinations(
     on_front = pareto_front(seconds, np.array([guess.error for guess in guesses]), least)
     front = {guess.setting: guess for guess, is_on in zip(guesses, on_front, strict=True) if is_on}
     return sorted((g for g in front.values() if g.setting not in measured), key=lambda guess: guess.seconds)
+
+
+def _fewer(
+    options: list[Setting], measured: Mapping[Setting, float], film_seconds: Callable[[Setting], float], least: float
+) -> list[Setting]:
+    """Those of some options that no other beats in time and error; of options that all are so, every other one."""
+    ordered = sorted(options, key=film_seconds)
+    seconds, errors = (np.array(list(map(value, ordered))) for value in (film_seconds, measured.__getitem__))
+    kept = list(itertools.compress(ordered, pareto_front(seconds, errors, least)))
+    return kept if 0 < len(kept) < len(options) else ordered[::2]
 
 
 def _options(base: Setting, group: tuple[str, ...], measured: Mapping[Setting, float]) -> list[Setting]:
