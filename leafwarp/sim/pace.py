@@ -17,7 +17,8 @@ LONGEST_PATH = 24
 
 
 def couplings_per_frame(scene: Scene) -> int:
-    """Couplings a frame, so that explicit motion sees no leap of the rest lengths: 1 unless frames are hours apart.
+    """Couplings a frame, so that explicit motion sees no large change of the rest lengths at a time: 1 unless
+    frames are hours apart.
 
     An estimate from the steepest part of the shrink's curve and the mean speed at which water is lost. Motions that
     find the end of a step by minimising need no more than one.
