@@ -23,13 +23,13 @@ def pytest_addoption(parser: pytest.Parser) -> None:
         help="leave out tests that launched no kernel when they passed without checks",
     )
     parser.addoption("--like-gpu", action="store_true", help="on the CPU: round and hand out arrays as a GPU does")
-    parser.addoption("--slow", action="store_true", help="also run what takes minutes: large maps, a million steps")
+    parser.addoption("--slow", action="store_true", help="also run what takes minutes, and further cases of long tests")
 
 
 def pytest_configure(config: pytest.Config) -> None:
     import warp as wp
 
-    config.addinivalue_line("markers", "slow: takes minutes, and is skipped without --slow")
+    config.addinivalue_line("markers", "slow: takes minutes, or is one more case of a long test; skipped without --slow")
     wp.config.quiet = True
     if config.getoption("--debug-kernels"):
         _check_bounds(config)
@@ -91,7 +91,7 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     if not config.getoption("--slow"):
         for item in items:
             if item.get_closest_marker("slow") is not None:
-                item.add_marker(pytest.mark.skip(reason="takes minutes: --slow runs it"))
+                item.add_marker(pytest.mark.skip(reason="takes long: --slow runs it"))
 
 
 def pytest_generate_tests(metafunc: pytest.Metafunc) -> None:

@@ -112,6 +112,7 @@ def test_memory(capsys: pytest.CaptureFixture) -> None:
     assert 0.0 < arrays < float(row["peak, leaf prepared before [MB]"])
 
 
+@pytest.mark.slow
 def test_tolerance(capsys: pytest.CaptureFixture) -> None:
     ((row,),) = quick("tolerance", capsys)
     assert row["scene"] == "0" and int(row["level"]) >= 0
@@ -142,6 +143,7 @@ def test_tolerance_counts_what_is_kept_and_keeps_its_rows(monkeypatch: pytest.Mo
     assert [line.split(" | ")[0] for line in body.splitlines()[-3:]] == ["| 0", "| 1", "| 2"]
 
 
+@pytest.mark.slow
 def test_startup(capsys: pytest.CaptureFixture) -> None:
     (rows,) = quick("startup", capsys)
     runs = [row for row in rows if "run" in row["command"]]

@@ -24,7 +24,7 @@ from leafwarp.scene.file import load_scene
 from leafwarp.sim.simulation import Simulation
 from test_cli import ENVIRONMENT, refused
 
-CASES = 80
+CASES = 40
 
 
 def test_damaged_and_extreme_input_ends_as_it_should(tmp_path: Path) -> None:

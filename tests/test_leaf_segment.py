@@ -56,7 +56,7 @@ def area(shape: Silhouette) -> float:
     return np.count_nonzero(shape.inside) * shape.scale[0] * shape.scale[1]
 
 
-@pytest.mark.parametrize("seed", [0, 1])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("background", BACKGROUNDS)
 def test_every_background(background: str, seed: int) -> None:
     truth = leaf_photo(background, 10 * seed + BACKGROUNDS.index(background))

@@ -57,6 +57,12 @@ def few_singles(scene):
     yield from (base.with_(coupling_interval=7200.0), base.with_(substep=0.45), base.with_(precision="float64"))
 
 
+def fewer_singles(scene):
+    """The scene as it is, and with two choices: for what does not depend on which there are."""
+    base = Setting.of(scene)
+    yield from (base, base.with_(scheme="unsplit"), base.with_(motion="quasistatic"))
+
+
 @pytest.fixture(scope="module")
 def quick():
     """A study that looks no further than it must: the reference is what the search begins with."""
@@ -279,7 +285,8 @@ def test_an_interrupted_study_goes_on_where_it_stopped(
     small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch
 ) -> None:
     monkeypatch.setattr(study, "combinations", lambda *arguments: [])
-    first = Counting(interrupted_after=9)
+    monkeypatch.setattr(study, "single_changes", fewer_singles)
+    first = Counting(interrupted_after=7)
     with pytest.raises(KeyboardInterrupt):
         run(small_scene, tmp_path, leaf_cache, SMALLER, compute=first)
     assert len((tmp_path / "tradeoff.csv").read_text().splitlines()) > 1
@@ -305,7 +312,11 @@ def test_a_study_of_another_scene_is_not_continued(small_scene: Path, folder: Pa
     assert (folder / "tradeoff.csv").read_bytes() == before
 
 
-def test_a_setting_that_fails_stays_in_the_table(small_scene: Path, tmp_path: Path, leaf_cache: Path, quick) -> None:
+def test_a_setting_that_fails_stays_in_the_table(
+    small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch
+) -> None:
+    monkeypatch.setattr(study, "single_changes", fewer_singles)
+
     def fails(scene: dict) -> str | None:
         return "frame 2: motion: too hard" if scene["motion"].get("method") == "quasistatic" else None
 
@@ -319,6 +330,7 @@ def test_several_shapes_are_said_instead_of_an_error(
     small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch
 ) -> None:
     monkeypatch.setattr(study, "ONE_SHAPE", 1e-12)
+    monkeypatch.setattr(study, "single_changes", fewer_singles)
     result = run(small_scene, tmp_path, leaf_cache, SMALLER)
     assert not result["reference"]["one_shape"] and result["reference"]["moved_by_camber"] > 0.0
     assert any("does not settle on one shape" in sentence for sentence in result["summary"])
