@@ -29,7 +29,7 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 def pytest_configure(config: pytest.Config) -> None:
     import warp as wp
 
-    config.addinivalue_line("markers", "slow: takes minutes, or is one more case of a long test; skipped without --slow")
+    config.addinivalue_line("markers", "slow: takes minutes, or is a further case of a test; skipped without --slow")
     wp.config.quiet = True
     if config.getoption("--debug-kernels"):
         _check_bounds(config)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import cache
 from pathlib import Path
 
@@ -138,8 +138,16 @@ def test_drawn_leaf_is_found(name: str) -> None:
     assert np.linalg.norm(outline.base - drawn.base) < SAME * drawn.length
 
 
-@pytest.mark.parametrize("change", [*CHANGES, "33 degrees"])
-@pytest.mark.parametrize("name", DRAWN)
+def dealt(names: Iterable[str], changes: tuple[str, ...], hands: int) -> list:
+    """Every leaf with every change: those of a leaf's turn, one of so many, always, and the others with --slow."""
+    return [
+        pytest.param(name, change, marks=[] if (index - turn) % hands == 0 else pytest.mark.slow)
+        for index, name in enumerate(names)
+        for turn, change in enumerate(changes)
+    ]
+
+
+@pytest.mark.parametrize("name, change", dealt(DRAWN, (*CHANGES, "33 degrees"), 2))
 def test_drawn_leaf_is_the_same(name: str, change: str) -> None:
     assert_same(drawn_outline(name), DRAWN[name].picture, CHANGES.get(change, turned_by_33_degrees))
 
@@ -152,17 +160,7 @@ REAL_CHANGES: dict[str, Change] = {
 }
 
 
-def each_with_one_change() -> list:
-    """Every real leaf with every change: of a leaf's changes the next one in turn always, the others with --slow."""
-    changes = ("turned mirror image, JPEG 60", "size", "warm")
-    return [
-        pytest.param(name, change, marks=[] if (index - turn) % len(changes) == 0 else pytest.mark.slow)
-        for index, name in enumerate(real_leaves.BASES)
-        for turn, change in enumerate(changes)
-    ]
-
-
-@pytest.mark.parametrize("name, change", each_with_one_change())
+@pytest.mark.parametrize("name, change", dealt(real_leaves.BASES, ("turned mirror image, JPEG 60", "size", "warm"), 3))
 def test_real_leaf_is_the_same(name: str, change: str) -> None:
     if name not in real_leaves.present():
         pytest.skip("the photo is not beside the repository")
