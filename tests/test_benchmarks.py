@@ -69,7 +69,7 @@ def test_fluid(capsys: pytest.CaptureFixture) -> None:
 
 
 def test_unsplit(capsys: pytest.CaptureFixture) -> None:
-    (rows,) = quick("unsplit", capsys)
+    rows, (film,) = quick("unsplit", capsys)
     assert [(row["scene"], row["source"]) for row in rows] == [
         ("`bramble.toml`", "open"), ("`bramble.toml`", "cut"), ("`cut.toml`", "open"), ("`cut.toml`", "cut"),
     ]  # fmt: skip
@@ -77,6 +77,10 @@ def test_unsplit(capsys: pytest.CaptureFixture) -> None:
         assert number(row["split step [ms]"]) > 0.0 and float(row["iterations a step"]) < 20.0
         # Both are accurate to 1e-5 of the contents.
         assert float(row["relative difference of the two"]) < 1e-5
+    assert film["scene"] == "`cut.toml`" and film["steps"] == "255"
+    assert float(film["of split"]) == pytest.approx(
+        float(film["conjugate gradients [s]"]) / float(film["split [s]"]), rel=0.02
+    )
 
 
 def test_structure(capsys: pytest.CaptureFixture) -> None:

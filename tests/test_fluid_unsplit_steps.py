@@ -9,9 +9,9 @@ import pytest
 import scipy.sparse as sparse
 from scipy.sparse.linalg import splu
 
-from fluid_sample import Sample, ellipse, exchange_matrices, make_sample
+from fluid_sample import Sample, ellipse, exchange_matrices, make_sample, petiole_leaf
 from leafwarp.sim.fluid.multigrid import System
-from leafwarp.sim.fluid.unsplit import extreme_eigenvalues
+from leafwarp.sim.fluid.unsplit import UnsplitDiffusion, extreme_eigenvalues
 
 NAME = "unsplit_diffusion"
 TOLERANCE = {"float32": 1e-5, "float64": 1e-10}
@@ -83,6 +83,61 @@ def test_a_part_that_hardly_anything_reaches_is_accurate_too(device: str) -> Non
             sample.fluid.advance(60.0 * step)
         after, expected = (sample.leaf_water for sample in samples)
         assert np.linalg.norm(after - expected) <= tolerance**2 * np.linalg.norm(expected)
+
+
+def counted_probes(stage: UnsplitDiffusion) -> list[float]:
+    """The steps whose systems are probed from now on, as they are [s]."""
+    probed, probe = [], stage._probe
+
+    def counted(step: object) -> None:
+        probed.append(stage._time_step)
+        probe(step)
+
+    stage._probe = counted
+    return probed
+
+
+def test_what_bounds_the_error_outlives_the_source(device: str, precision: str) -> None:
+    mask, maps = petiole_leaf(48, "diagonal")
+    maps["stomata"] = np.linspace(0.2, 1.0, 48)[:, None] + np.zeros(mask.shape)
+    tables = {
+        "fluid": {"step": 60.0, "lamina_diffusivity": 1e-8, "vein_diffusivity": 1e-5},
+        "source": {"conductance": 1e-3, "cut_at": 630.0, "rewatered_at": 1230.0},
+        "transpiration": {"rate": 5e-5},
+        "time": {"duration": 1800.0, "frames": 2},
+    }
+    samples = [
+        make_sample(tables | {"fluid": tables["fluid"] | {"scheme": scheme}}, mask, maps, device=device, precision=kind)
+        for scheme, kind in (("iterated", precision), ("unsplit", "float64"))
+    ]
+    stage = samples[0].stages[NAME]
+    probed = counted_probes(stage)
+    for step in range(1, 31):
+        for sample in samples:
+            sample.fluid.advance(60.0 * step)
+        after, expected = (sample.leaf_water for sample in samples)
+        error = np.linalg.norm(after - expected) / np.linalg.norm(expected)
+        assert error <= TOLERANCE[precision] + step * np.finfo(precision).eps
+    assert probed == [60.0] and stage.system is None
+
+
+def test_what_bounds_the_error_holds_for_shorter_steps(device: str) -> None:
+    samples = [drying_leaf(device, "float64", venation=rough()) for _ in range(2)]
+    stages = [sample.stages[NAME] for sample in samples]
+    stages[1]._take_factor()
+    probed = counted_probes(stages[0])
+    random = np.random.default_rng(0)
+    for index in range(18):
+        if index % 3 == 0 and index > 0:
+            for stage in stages:
+                stage.set_time_step((7.5, 30.0, 90.0, 600.0, 900.0)[index // 3 - 1])
+        loss = random.uniform(0.0, 1e-3, stages[0].leaf.mask.shape)
+        for stage, sample in zip(stages, samples, strict=True):
+            sample.state.upload("water", np.where(stage.leaf.mask, sample.water - loss, 0.0))
+            stage.run()
+        after, expected = (sample.leaf_water for sample in samples)
+        assert np.linalg.norm(after - expected) <= 2 * TOLERANCE["float64"] * np.linalg.norm(expected)
+    assert probed == [60.0, 600.0]
 
 
 def test_what_the_last_step_found_saves_iterations(device: str, precision: str) -> None:

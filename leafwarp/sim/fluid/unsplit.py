@@ -58,6 +58,9 @@ LEAST_SAFETY, LARGEST_SAFETY = 0.9, 1.05
 # They are shown by a solve of noise, which excites all modes: until so little of it is left, or so many iterations.
 LEAST_NOISE = 1e-6
 LONGEST_HISTORY = 32
+# They hardly depend on a source, and the least falls with the sixth root of the step or more slowly: it is known for
+# steps up to so many times as long as the one whose system they were shown by.
+LONGER_STEP = 1.5
 # Iterations of a step from which on they may tell more.
 TELLING_ITERATIONS = 3
 # Iterations between two looks at the error from the host, which stall a GPU.
@@ -73,11 +76,12 @@ REMEDY = (
 class _Step(NamedTuple):
     """The launches of a step: before its iterations, in the two parts of each of them and at its end.
 
-    ``total`` sums a change that is given, where nothing enters or leaves. ``settle`` takes the mean off a residual
-    that rounding has given one, before it is iterated on.
+    ``total`` sums a change that is given, where nothing enters or leaves. ``guess`` is ``start`` from what the last
+    steps tell. ``settle`` takes the mean off a residual that rounding has given one, before it is iterated on.
     """
 
     total: list[Command]
+    guess: list[Command]
     start: list[Command]
     settle: list[Command]
     precondition: list[Command]
@@ -153,8 +157,12 @@ class UnsplitDiffusion(Stage):
         spec = ArraySpec("unsplit_sum", (SUM_COUNT, *self._dim), "float64", "sums of each segment of the rows")
         self.add_array(state, spec)
         self._record_step(state, float(np.count_nonzero(system.exchange)))
-        self.commands = [self._guess, *(command for part in self._alone[1:] for command in part)]
+        parts = (self._alone.guess, *self._alone[3:])
+        self.commands = [command for part in parts for command in part]
         self._solver = state["unsplit_solver"]
+        # Looked at many times a step: where the device's memory is the host's, without asking for it each time.
+        seen = self._solver.numpy()
+        self._seen = seen if np.shares_memory(seen, self._solver.numpy()) else None
         self._iterations_per_look = ITERATIONS_PER_LOOK if state.device.is_cuda else 1
         self._reach = 1.0 / (ROUNDING * np.finfo(state.precision).eps)
         self._graphs: dict[int, wp.Graph] = {}
@@ -173,7 +181,8 @@ class UnsplitDiffusion(Stage):
         self._is_begun = False
         if self.system is None:
             self._upload_faces()
-            self._forget()
+            if seconds > LONGER_STEP * self._probed_step:
+                self._forget()
         else:
             self.system = self.system.of_step(self.scene, self.leaf, seconds)
         if self._supply is not None:
@@ -191,7 +200,7 @@ class UnsplitDiffusion(Stage):
         )
         water, sums, solver, shift = lanes("water"), "unsplit_sum", "unsplit_solver", "unsplit_shift"
         kept = [before, rounding, increment]
-        self._guess = record(guess_change, dim, [water, *kept, inverse_diagonal, *threads], [change])
+        guess = record(guess_change, dim, [water, *kept, inverse_diagonal, *threads], [change])
         residual_at_start = record(
             start_residual,
             dim,
@@ -241,7 +250,7 @@ class UnsplitDiffusion(Stage):
             measure = record(measure_residual, 1, [sums, "unsplit_bounds"], [solver])
             last = record(choose_shift, 1, [sums, count, closed], [shift])
             go_on = [*image_of_direction, length, advance, measure]
-            return _Step(total, start, [advance, measure], precondition, go_on, [last, finish])
+            return _Step(total, [guess, *start], start, [advance, measure], precondition, go_on, [last, finish])
 
         self._alone = step(1.0, None)
         if self._supply is not None:
@@ -286,8 +295,7 @@ class UnsplitDiffusion(Stage):
 
     def _solve(self, step: _Step, is_new: bool) -> None:
         if not is_new:
-            self._guess.run()
-            self._replay(step.start)
+            self._replay(step.guess)
         if is_new or self._error_over_limit() > self._reach:
             # What the last steps did says nothing about this one.
             self._zero("change", "rounding", "residual")
@@ -295,11 +303,11 @@ class UnsplitDiffusion(Stage):
         if self._error_over_limit() > self._reach:
             self._iterate_repeatedly(step)
             return
-        # The first step of a system, often the one that moves the most, ends by the residual.
-        if self._error_over_limit() > 1.0 and not is_new and not self._is_probed:
+        # The first step of all, often the one that moves the most, ends by the residual.
+        if self._error_over_limit() > 1.0 and not is_new and not self._probed_step:
             self._probe(step)
         self._iterate(step)
-        if self._is_probed:
+        if self._probed_step:
             self._learn()
 
     def _zero(self, *names: str) -> None:
@@ -309,7 +317,7 @@ class UnsplitDiffusion(Stage):
     def _probe(self, step: _Step) -> None:
         """Learn the extreme eigenvalues from a solve of noise, and come back to the start of the step."""
         kept = {name: self._state[name].numpy().copy() for name in ("unsplit_change", "unsplit_residual")}
-        numbers = self._solver.numpy().copy()
+        numbers = self._numbers().copy()
         is_coupled = self._state["level_0_inverse_diagonal"].numpy() > 0.0
         noise = np.where(is_coupled, np.random.default_rng(0).standard_normal(is_coupled.shape), 0.0)
         squared = float(np.sum(noise**2))
@@ -323,7 +331,7 @@ class UnsplitDiffusion(Stage):
             if not self._error_over_limit() > 1.0:
                 break
         self._learn()
-        self._is_probed = True
+        self._probed_step = self._time_step
         for name, values in kept.items():
             self._state.upload(name, values)
         self._state.upload("unsplit_solver", numbers)
@@ -357,7 +365,7 @@ class UnsplitDiffusion(Stage):
         """
         self._state["unsplit_bounds"].zero_()
         rounding = ROUNDING * float(np.finfo(self._state.precision).eps)
-        limit = math.sqrt(float(self._solver.numpy()[LIMIT_SQUARED]))
+        limit = math.sqrt(float(self._numbers()[LIMIT_SQUARED]))
         limit *= max(1.0, rounding / self.scene.residual_tolerance)
         found = self._state["unsplit_change"].numpy().copy()
         for _ in range(MAXIMUM_PASSES):
@@ -404,17 +412,20 @@ class UnsplitDiffusion(Stage):
         if self.system is not None:
             self._factorise()
             return
-        self._forget()
         exchange = self._state["source_exchange"].numpy().astype(np.float64)
         self._cycle.upload_mass(self._state, exchange)
 
+    def _numbers(self) -> np.ndarray:
+        """Numbers of the conjugate gradients, shape [SLOT_COUNT]."""
+        return self._solver.numpy() if self._seen is None else self._seen
+
     def _error_over_limit(self) -> float:
-        numbers = self._solver.numpy()
+        numbers = self._numbers()
         squared, limit = float(numbers[ERROR_SQUARED]), float(numbers[LIMIT_SQUARED])
         return math.sqrt(squared / limit) if limit > 0.0 else 0.0 if squared == 0.0 else math.inf
 
     def _check(self) -> None:
-        count = int(self._solver.numpy()[ITERATIONS])
+        count = int(self._numbers()[ITERATIONS])
         self.iterations += count
         self.most_iterations = max(self.most_iterations, count)
         short = self._error_over_limit()
@@ -426,13 +437,13 @@ class UnsplitDiffusion(Stage):
 
     def _forget(self) -> None:
         """Bound the error by the residual alone, until the system is probed."""
-        self._is_probed = False
+        self._probed_step = 0.0
         self._least_eigenvalue, self._largest_eigenvalue = math.inf, 0.0
         self._upload_bounds()
 
     def _learn(self) -> None:
         """Bound the error by the energy, too, from what the iterations have shown of the preconditioned system."""
-        count = int(self._solver.numpy()[ITERATIONS])
+        count = int(self._numbers()[ITERATIONS])
         if count < TELLING_ITERATIONS:
             return
         least, largest = extreme_eigenvalues(*self._state["unsplit_history"].numpy()[:, : min(count, LONGEST_HISTORY)])
