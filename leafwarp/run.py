@@ -364,7 +364,15 @@ def save_maps(leaf: Leaf, folder: Path, stem: str) -> list[Path]:
         return []
     leaf = leaf.photos[0]
     frame = PixelFrame.of(leaf)
-    return write_maps(leaf.maps, leaf.mask, folder, stem, frame=frame, photo_size=leaf.findings.photo_size)
+    return write_maps(
+        leaf.maps,
+        leaf.mask,
+        folder,
+        stem,
+        frame=frame,
+        photo_size=leaf.findings.photo_size,
+        fine_venation=leaf.fine_venation,
+    )
 
 
 def _leaf_report(leaf: Leaf) -> dict[str, Any]:

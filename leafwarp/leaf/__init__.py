@@ -44,7 +44,7 @@ def prepare_leaf(request: LeafRequest, cache: Path | None = None) -> Leaf:
 
 def _prepare(request: LeafRequest, picture: bytes) -> Leaf:
     from leafwarp.leaf.image.photo import read_grey, read_photo
-    from leafwarp.leaf.maps.make import make_maps
+    from leafwarp.leaf.maps.make import fine_venation, make_maps
     from leafwarp.leaf.maps.pixel_frame import PixelFrame
     from leafwarp.leaf.mesh.triangulate import fill_leaf
     from leafwarp.leaf.segment.silhouette import silhouette
@@ -67,11 +67,12 @@ def _prepare(request: LeafRequest, picture: bytes) -> Leaf:
         if request.needs_veins:
             venation = find_venation(photo, outline, request.vein_kind, request.seed)
     with watch("maps"):
-        cells, maps = None, {}
+        cells, maps, fine = None, {}, None
         if request.map_size is not None:
-            cells, maps = make_maps(
-                photo, outline, frame, request.map_size, request.wanted_maps, venation.branches, request.seed
-            )
+            wanted, around = request.wanted_maps, (photo, outline, frame, request.map_size)
+            if isinstance(wanted.get("venation"), str | Path):
+                fine = fine_venation(*around, wanted["venation"], venation.branches, request.seed)
+            cells, maps = make_maps(*around, wanted, venation.branches, request.seed, fine)
     with watch("texture"):
         fill_holes = request.holes == "fill"
         texture = make_texture(photo, shape, outline, frame, request.texture_limit, cut_holes=fill_holes)
@@ -94,6 +95,7 @@ def _prepare(request: LeafRequest, picture: bytes) -> Leaf:
         texture=texture,
         mask=cells,
         maps=maps,
+        fine_venation=None if fine is None or fine.shape == cells.shape else fine,
         findings=Findings(
             outline=outline.points,
             base=tuple(map(float, outline.base)),

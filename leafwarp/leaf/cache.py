@@ -43,6 +43,7 @@ def load_leaf(path: Path) -> Leaf | None:
                 mask=stored["mask"] if "mask" in stored.files else None,
                 maps=maps,
                 findings=_read_findings(stored),
+                fine_venation=stored["fine_venation"] if "fine_venation" in stored.files else None,
             )
     except Exception:  # a damaged archive fails in many ways, each with its own type; the leaf is then made anew
         return None
@@ -57,8 +58,9 @@ def store_leaf(path: Path, leaf: Leaf) -> None:
     arrays |= {f"map_{name}": values for name, values in leaf.maps.items()}
     arrays |= {"frame": np.array([leaf.frame.origin, leaf.frame.size]), "length": np.array(leaf.length)}
     arrays["texture"] = leaf.texture
-    if leaf.mask is not None:
-        arrays["mask"] = leaf.mask
+    for name in ("mask", "fine_venation"):
+        if getattr(leaf, name) is not None:
+            arrays[name] = getattr(leaf, name)
     if leaf.findings is not None:
         arrays |= _findings_arrays(leaf.findings)
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")

@@ -112,6 +112,8 @@ class Leaf:
             ``stomata``, ``water`` (relative water content at the start), ``source`` (non-negative weights with sum 1:
             where water enters), those that the scene requires.
         findings: What was found in the photo; None for a leaf that is not made from one.
+        fine_venation: The venation before it was averaged over the cells of the maps, as it is drawn between their
+            centres: on a whole number of cells for one of theirs each way. None where it is known no finer.
     """
 
     mesh: LeafMesh
@@ -121,6 +123,7 @@ class Leaf:
     mask: np.ndarray | None = None
     maps: dict[str, np.ndarray] = field(default_factory=dict)
     findings: Findings | None = None
+    fine_venation: np.ndarray | None = None
 
     @property
     def uv(self) -> np.ndarray:

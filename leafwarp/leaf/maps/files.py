@@ -152,6 +152,7 @@ def write_maps(
     *,
     frame: PixelFrame | None = None,
     photo_size: tuple[int, int] | None = None,
+    fine_venation: np.ndarray | None = None,
 ) -> list[Path]:
     """Write maps as 16-bit grey pictures ``STEM.NAME.png`` that a scene can name in their stead.
 
@@ -166,6 +167,7 @@ def write_maps(
         frame: The rectangle of the photo that the maps cover.
         photo_size: Width and height of the photo in pixels, which the pictures cover. Without a frame and a photo
             size they cover the maps' own rectangle, and read back right only beside a photo cropped to it.
+        fine_venation: What the venation is the average of, as :class:`leafwarp.leaf.Leaf` has it: written in its stead.
 
     Returns:
         The files written, in the order of the maps.
@@ -179,9 +181,12 @@ def write_maps(
         frame, photo_size = PixelFrame(0, 0, *mask.shape[::-1]), mask.shape[::-1]
     files = []
     for name, values in maps.items():
-        shown = values / max(float(values.max()), 1e-300) if name == "source" else values
+        shown, inside = values / max(float(values.max()), 1e-300) if name == "source" else values, mask
+        if name == "venation" and fine_venation is not None:
+            shown = fine_venation
+            inside = np.kron(mask, np.ones(np.floor_divide(shown.shape, mask.shape), bool))
         path = Path(folder) / f"{stem}.{name}.png"
-        data = cv2.imencode(".png", _picture(np.clip(shown, 0.0, 1.0), mask, frame, photo_size), FAST)[1]
+        data = cv2.imencode(".png", _picture(np.clip(shown, 0.0, 1.0), inside, frame, photo_size), FAST)[1]
         write_bytes(path, data.tobytes())
         files.append(path)
     return files

@@ -12,21 +12,51 @@ from pathlib import Path
 import numpy as np
 
 from leafwarp.errors import InputError
-from leafwarp.leaf.image.photo import Photo
+from leafwarp.leaf.image.photo import Photo, read_grey
 from leafwarp.leaf.maps.cells import leaf_cells, leaf_coverage
 from leafwarp.leaf.maps.files import read_map
 from leafwarp.leaf.maps.pixel_frame import PixelFrame
 from leafwarp.leaf.shape.outline import Outline
 from leafwarp.leaf.venation.capacity import draw_capacity, stalk_cells
-from leafwarp.leaf.venation.veins import KINDS, Branch, find_veins
+from leafwarp.leaf.venation.veins import Branch, find_veins
 
-__all__ = ["PixelFrame", "make_maps"]
+__all__ = ["PixelFrame", "fine_venation", "make_maps"]
 
 VEIN_STOMATA = 0.8  # share of the stomata that a main vein takes away
 NEAR_VEIN_STOMATA = 0.8  # density next to a vein, relative to the middle of an areole
 AREOLE = 0.02  # distance from a vein from which the density no longer grows, as a share of the leaf's length
 STOMATA_VARIATION = 0.08  # standard deviation of the density
 PATCHES = 96  # of the variation along the map's longer side
+# What veins carry is drawn on so many cells for one of the map, each way; the finest that is drawn so.
+FINEST_VENATION = ((4, 1024), (2, 2048))
+
+
+def fine_venation(
+    photo: Photo,
+    outline: Outline,
+    frame: PixelFrame,
+    map_size: tuple[int, int],
+    value: str | Path,
+    branches: list[Branch] | None = None,
+    seed: int = 0,
+) -> np.ndarray:
+    """What veins carry, on a whole number of cells for one of the map each way, shape [refinement * ny, ...].
+
+    Veins are thinner than the cells of most maps. Drawn on finer ones they lie where they are, and what two cells of
+    the map exchange is told by what lies between their centres. A picture is read no finer than its pixels are.
+    Arguments as for :func:`make_maps`; the value is that of the venation, not a number.
+    """
+    refinements = [times for times, most in FINEST_VENATION if times * max(map_size) <= most]
+    if isinstance(value, Path):
+        pixels = np.multiply(read_grey(value).shape[::-1], np.divide(frame.size, photo.size))
+        refinements = [times for times in refinements if (np.multiply(times, map_size) <= pixels).all()]
+    refinement = next(iter(refinements), 1)
+    size = (refinement * map_size[0], refinement * map_size[1])
+    if isinstance(value, Path):
+        return read_map(value, "venation", photo, frame, size)
+    if branches is None:
+        branches = find_veins(photo, outline, value, seed)
+    return draw_capacity(branches, outline, frame, size)
 
 
 def make_maps(
@@ -37,6 +67,7 @@ def make_maps(
     maps: Mapping[str, str | float | Path],
     branches: list[Branch] | None = None,
     seed: int = 0,
+    venation: np.ndarray | None = None,
 ) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Mask and named maps.
 
@@ -49,6 +80,7 @@ def make_maps(
             may also be "photo", "pinnate", "palmate" or "parallel".
         branches: The leaf's veins in photo pixels, where they were found before.
         seed: Of what is made up: veins that the picture does not show, and the stomata's variation.
+        venation: As :func:`fine_venation` draws it, where that was done before.
 
     Returns:
         Mask of shape [ny, nx], bool, and the maps, zero off the leaf.
@@ -59,14 +91,15 @@ def make_maps(
     base_cell, tip_cell = (_cell(frame, point, map_size) for point in (outline.base, outline.tip))
     mask = leaf_cells(leaf_coverage(outline, frame, map_size), base_cell, tip_cell)
     mask |= _joined(stalk_cells(outline, frame, map_size), mask)
-    veins = None
-    if maps.get("venation") in KINDS or (maps.get("stomata") == "auto" and "venation" not in maps):
-        if branches is None:
-            branches = find_veins(photo, outline, maps.get("venation", "auto"), seed)
-        veins = draw_capacity(branches, outline, frame, map_size)
+    value = maps.get("venation", "auto" if maps.get("stomata") == "auto" else 0.0)
+    if venation is None and not isinstance(value, float | int):
+        venation = fine_venation(photo, outline, frame, map_size, value, branches, seed)
+    veins = None if venation is None else block_means(venation, mask.shape)
     made: dict[str, np.ndarray] = {}
     for name, value in maps.items():
-        if isinstance(value, Path):
+        if name == "venation" and veins is not None:
+            made[name] = veins
+        elif isinstance(value, Path):
             made[name] = read_map(value, name, photo, frame, map_size)
         elif isinstance(value, float | int):
             made[name] = np.full(mask.shape, float(value))
@@ -74,14 +107,18 @@ def make_maps(
             made[name] = _source(outline, frame, map_size, mask)
         elif name == "water":
             made[name] = np.ones(mask.shape)
-        elif name == "venation":
-            made[name] = veins
     if maps.get("stomata") == "auto":
         made["stomata"] = _stomata(made.get("venation", veins), outline, frame, map_size, seed)
     made = {name: np.where(mask, made[name], 0.0) for name in maps}
     if "source" in made:
         made["source"] = _shares(made["source"], maps["source"])
     return mask, made
+
+
+def block_means(fine: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Means of a map's cells over whole blocks of them, shape ``shape``."""
+    rows, columns = shape
+    return fine.reshape(rows, len(fine) // rows, columns, fine.shape[1] // columns).mean((1, 3))
 
 
 def _shares(source: np.ndarray, given: str | float | Path) -> np.ndarray:
