@@ -6,6 +6,7 @@ import csv
 import dataclasses
 import json
 import os
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -303,13 +304,34 @@ def test_an_interrupted_study_goes_on_where_it_stopped(
 
 def test_a_study_of_another_scene_is_not_continued(small_scene: Path, folder: Path, leaf_cache: Path, quick) -> None:
     before = (folder / "tradeoff.csv").read_bytes()
-    with pytest.raises(InputError, match=r"finished study; --overwrite"):
+    with pytest.raises(InputError, match=r"finished study; a --budget above 1000 s goes on with it; --overwrite"):
         run(small_scene, folder, leaf_cache)
     (folder / "tradeoff.json").rename(folder / "kept.json")
     with pytest.raises(InputError, match=r"another scene.*--overwrite"):
         run(small_scene, folder, leaf_cache, SMALLER)
     (folder / "kept.json").rename(folder / "tradeoff.json")
     assert (folder / "tradeoff.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize("is_finished", [True, False])
+def test_what_is_kept_costs_nothing_again(
+    is_finished: bool, small_scene: Path, folder: Path, leaf_cache: Path, quick, tmp_path: Path
+) -> None:
+    """A finished study goes on with more time; an interrupted one, with next to none, has what it had."""
+    shutil.copytree(folder, tmp_path / "again")
+    before = json.loads((folder / "tradeoff.json").read_text())
+    if not is_finished:
+        (tmp_path / "again" / "tradeoff.json").unlink()
+    counting = Counting()
+    budget = 1.001 * PLENTY if is_finished else 1e-3
+    result = run(small_scene, tmp_path / "again", leaf_cache, budget=budget, compute=counting)
+    kept = {trial.name for trial in (folder / "trials").glob("*.npz")}
+    assert not kept & {Path(request.result).name for request in counting.requests}
+    assert is_finished or counting.requests == []
+    assert result["budget_seconds"] == budget
+    assert json.loads(json.dumps(result["reference"])) == before["reference"]
+    measured = {row["varied"] for row in before["settings"] if row["seconds"] is not None}
+    assert measured <= {row["varied"] for row in result["settings"] if row["seconds"] is not None}
 
 
 def test_a_setting_that_fails_stays_in_the_table(

@@ -40,6 +40,7 @@ from leafwarp.study.tradeoff.worker import OutOfTime, Request, TrialFailed, comp
 TABLE, RESULT, PICTURE, TEXT, TRIALS = (
     "tradeoff.csv", "tradeoff.json", "tradeoff.png", "tradeoff.txt", "trials",
 )  # fmt: skip
+FILM = "film.json"  # beside the trials: the frames of what is computed
 # Tables of the scene that the result repeats.
 TABLES = {"time", "fluid", "transpiration", "source", "solver", "motion"}
 
@@ -78,7 +79,8 @@ def run_tradeoff(
 
     Settings are the scene's own, with one choice changed at a time, then combinations that promise to lie on the front.
     They run until the budget is used; those left out stay in the table with the time that they would take. What was
-    computed is kept: the same call goes on where an interrupted one stopped.
+    computed is kept and costs nothing again: the same call goes on where an interrupted one stopped, and one with a
+    larger budget where a finished one did.
 
     Args:
         scene: The scene.
@@ -112,7 +114,7 @@ def run_tradeoff(
             "pip install 'leafwarp[plot]' brings it",
             file=sys.stderr,
         )
-    _begin(scene, output, device, overwrite)
+    _begin(scene, output, device, overwrite, budget)
     study = _Study(scene, output, device, budget, quiet, compute, cache or output / CACHE_FOLDER)
     result = study.run()
     write_rows(output / TABLE, study.rows)
@@ -124,11 +126,11 @@ def run_tradeoff(
     return result
 
 
-def _begin(scene: Scene, output: Path, device: str, overwrite: bool) -> None:
-    """Make the folder, or find in it what an interrupted study of the same scene left.
+def _begin(scene: Scene, output: Path, device: str, overwrite: bool, budget: float) -> None:
+    """Make the folder, or find in it what a study of the same scene left that was interrupted, or had less time.
 
     Raises:
-        InputError: It holds a finished study or another scene's, or cannot be written.
+        InputError: It holds a study that was finished in no less time or of another scene, or cannot be written.
     """
     pictures = [Path(photo.image).read_bytes() for photo in scene.photos if Path(photo.image).is_file()]
     identity = json.dumps(
@@ -142,9 +144,12 @@ def _begin(scene: Scene, output: Path, device: str, overwrite: bool) -> None:
     )
     mark = output / TRIALS / "study.json"
     is_same = mark.is_file() and mark.read_text() == identity
-    is_done = (output / RESULT).exists()
+    had = _budget_of(output / RESULT)
+    is_done = had is not None and not (is_same and budget > had)
     if (output / TABLE).exists() and not overwrite and (is_done or not is_same):
-        state = "is a finished study" if is_done else "is a study of another scene, device or version"
+        state = "is a study of another scene, device or version"
+        if is_same:
+            state = f"is a finished study; a --budget above {had:g} s goes on with it"
         raise InputError(f"{output / TABLE}: {state}; --overwrite replaces it")
     try:
         if overwrite or not is_same:
@@ -156,6 +161,16 @@ def _begin(scene: Scene, output: Path, device: str, overwrite: bool) -> None:
         write_rows(output / TABLE, [])
     except (OSError, OutputError) as error:
         raise InputError(f"{output}: cannot be written: {error}") from None
+
+
+def _budget_of(result: Path) -> float | None:
+    """Wall time that a finished study was given [s]; infinite where it does not say, None where none is finished."""
+    if not result.exists():
+        return None
+    try:
+        return float(json.loads(result.read_text())["budget_seconds"])
+    except (OSError, ValueError, KeyError, TypeError):
+        return math.inf
 
 
 class _Study:
@@ -188,7 +203,7 @@ class _Study:
         end = self._spent + REFERENCE_SHARE * self._budget
         self._say("reference: refined where it changes the most")
         reference = find_reference(
-            self._film, self._leaf.length, self._run, self._costs.predict, lambda: end - self._spent, self._say
+            self._film, self._leaf.length, self._run, self._cost_of, lambda: max(0.0, end - self._spent), self._say
         )
         nudged = self._nudged()
         has_one_shape = nudged is None or nudged <= ONE_SHAPE
@@ -237,7 +252,7 @@ class _Study:
     @property
     def _left(self) -> float:
         """Wall time left for settings [s]."""
-        return (1.0 - PARTS_SHARE) * self._budget - self._spent
+        return max(0.0, (1.0 - PARTS_SHARE) * self._budget - self._spent)
 
     def _say(self, text: str, ahead: float | None = None) -> None:
         if self._quiet:
@@ -265,8 +280,7 @@ class _Study:
         scene = setting.apply(self._film)
         if camber is not None:
             scene = scene.with_changes({"leaf.camber": camber})
-        name = json.dumps([setting.as_dict(), camber, scene.time.frames])
-        path = self._output / TRIALS / f"{hashlib.sha256(name.encode()).hexdigest()[:20]}.npz"
+        path = self._path_of(setting, camber)
         trial = Trial.load(path)
         if trial is None:
             prepare_scene_leaf(scene, self._cache)
@@ -286,8 +300,30 @@ class _Study:
             self._trials[setting] = trial
         return trial
 
+    def _path_of(self, setting: Setting, camber: float | None = None) -> Path:
+        """Where a setting's trial is kept."""
+        name = json.dumps([setting.as_dict(), camber, self._film.time.frames])
+        return self._output / TRIALS / f"{hashlib.sha256(name.encode()).hexdigest()[:20]}.npz"
+
+    def _cost_of(self, setting: Setting, camber: float | None = None) -> float:
+        """Wall time that a setting will take [s]: none where its trial is kept."""
+        return 0.0 if self._path_of(setting, camber).exists() else self._costs.predict(setting)
+
     def _shorten_film(self) -> None:
-        """Compute the scene as written; where that alone would take much of the budget, with fewer frames."""
+        """Compute the scene as written; where that alone would take much of the budget, with fewer frames.
+
+        A study that goes on keeps the film that it has begun with, whatever budget it is given.
+        """
+        kept = self._output / TRIALS / FILM
+        if kept.exists():
+            self._film = self._scene.with_changes({"time.frames": json.loads(kept.read_text())["frames"]})
+            self._costs = CostModel(self._film)
+            self._run(self._base, math.inf)
+            return
+        self._find_film()
+        write_text(kept, json.dumps({"frames": self._film.time.frames}))
+
+    def _find_film(self) -> None:
         allowed = FILM_SHARE * self._budget
         while True:
             frames = self._film.time.frames
@@ -311,14 +347,15 @@ class _Study:
         if camber == 0.0 or not self._scene.has_angular_springs:
             return None
         setting = first_setting(self._film)
-        if self._costs.predict(setting) > self._left:
+        camber *= 1.0 + NUDGE
+        if self._cost_of(setting, camber) > self._left:
             return None
-        nudged = self._run(setting, math.inf, camber * (1.0 + NUDGE))
+        nudged = self._run(setting, math.inf, camber)
         return float(errors_of(nudged, self._trials[setting], self._leaf.length).shape_over_time.max())
 
     def _measure(self, settings: list[Setting], reference: Reference, has_one_shape: bool) -> None:
         for index, setting in enumerate(settings):
-            ahead = sum(self._costs.predict(later) for later in settings[index:] if later not in self._trials)
+            ahead = sum(self._cost_of(later) for later in settings[index:] if later not in self._trials)
             self._add_row(setting, reference, has_one_shape, ahead)
 
     def _measure_combinations(self, reference: Reference, has_one_shape: bool, kind: str) -> None:
@@ -329,7 +366,7 @@ class _Study:
             if self._base not in errors:
                 return
             guesses = [g for g in combinations(self._base, errors, self._costs.film) if g.setting not in tried]
-            paid = [guess for guess in guesses if self._costs.predict(guess.setting) <= self._left]
+            paid = [guess for guess in guesses if self._cost_of(guess.setting) <= self._left]
             if not paid:
                 return
             # Spread over the front: the one furthest from all that is measured.
@@ -337,14 +374,14 @@ class _Study:
             here = _place([(guess.seconds, guess.error) for guess in paid])
             chosen = paid[int(np.argmax(np.linalg.norm(here[:, None] - known, axis=2).min(axis=1)))].setting
             tried.add(chosen)
-            ahead = sum(self._costs.predict(guess.setting) for guess in paid)
+            ahead = sum(self._cost_of(guess.setting) for guess in paid)
             self._add_row(chosen, reference, has_one_shape, ahead)
 
     def _add_row(self, setting: Setting, reference: Reference, has_one_shape: bool, ahead: float) -> None:
         """Compute a setting, if there is time, and add it to the table."""
         predicted = self._costs.predict(setting)
         row = Row(setting, self._names.get(setting, ""), setting.in_words(self._base), "done", predicted)
-        if setting not in self._trials and predicted > self._left:
+        if setting not in self._trials and self._cost_of(setting) > self._left:
             row.status = "skipped: budget"
         else:
             try:
