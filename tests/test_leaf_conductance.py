@@ -17,7 +17,7 @@ from leafwarp.leaf.mesh.topology import mesh_from_triangles
 from leafwarp.leaf.shape.outline import Outline
 from leafwarp.leaf.venation.branch import Branch
 from leafwarp.leaf.venation.drawing import draw_lines
-from leafwarp.sim.fluid.conductance import GOES_ON, leaf_conductance, venation_of_faces
+from leafwarp.sim.fluid.conductance import GOES_ON, leaf_conductance, two_cells_wide, venation_of_faces
 
 ANGLES = (0.0, 10.0, 22.5, 30.0, 45.0, 67.5)
 LAMINA = 1e-4  # diffusivity of the lamina over that of a full vein
@@ -25,14 +25,19 @@ ISOTROPY = 0.05  # the requirement is 0.1; measured 0.03
 
 
 def conductance(
-    venation: np.ndarray, mask: np.ndarray, cell: tuple[float, float], low: np.ndarray, high: np.ndarray
+    venation: np.ndarray,
+    mask: np.ndarray,
+    cell: tuple[float, float],
+    low: np.ndarray,
+    high: np.ndarray,
+    scheme: str = "unsplit",
 ) -> float:
     """Flow per time from cells held at 1 (high) to cells held at 0 (low), by the simulation's own exchange rates.
 
     The venation is that of the cells, or of parts of them.
     """
     faces = leaf_conductance(
-        make_scene({"fluid": {"lamina_diffusivity": LAMINA, "vein_diffusivity": 1.0, "step": 1.0}}),
+        make_scene({"fluid": {"lamina_diffusivity": LAMINA, "vein_diffusivity": 1.0, "step": 1.0, "scheme": scheme}}),
         leaf_with(venation, mask, cell),
         1.0,
     )
@@ -69,12 +74,13 @@ def leaf_with(venation: np.ndarray, mask: np.ndarray, cell: tuple[float, float])
 
 
 def vein_conductance(
-    width: float, degrees: float, cells: int, side: float = 1.0, shift: float = 0.0, parts: int = 1
+    width: float, degrees: float, cells: int, shift: float = 0.0, parts: int = 1, scheme: str = "unsplit"
 ) -> float:
     """Conductance times length of one straight vein across a square map, ``width`` in the map's unit of length.
 
     It is drawn on so many parts of each cell, each way.
     """
+    side = 1.0
     cell = (side / cells, side / cells)
     along = np.array([np.cos(np.radians(degrees)), np.sin(np.radians(degrees))])
     middle = np.full(2, 0.5 * side) + np.multiply(cell, (shift, 0.7 * shift))
@@ -86,7 +92,7 @@ def vein_conductance(
     travelled = (centre[None] - middle[0]) * along[0] + (centre[:, None] - middle[1]) * along[1]
     length = 0.6 * side
     everywhere = np.ones((cells, cells), bool)
-    flow = conductance(drawn, everywhere, cell, travelled <= -0.5 * length, travelled >= 0.5 * length)
+    flow = conductance(drawn, everywhere, cell, travelled <= -0.5 * length, travelled >= 0.5 * length, scheme)
     return flow * length
 
 
@@ -98,16 +104,29 @@ def test_vein_conducts_the_same_in_every_direction(cells: int, width: float) -> 
     assert found[0] == pytest.approx(width / cells, rel=0.06)  # of diffusivity 1; the ends lose a cell's length
 
 
+@pytest.mark.parametrize("scheme", ["split", "unsplit"])
 @pytest.mark.parametrize("parts", [2, 4])
 @pytest.mark.parametrize("width", [0.25, 0.5, 1.0, 2.0, 4.0])  # in cells
-def test_vein_drawn_on_parts_of_cells_conducts_the_same_wherever_it_lies(parts: int, width: float) -> None:
+def test_vein_drawn_on_parts_of_cells_conducts_the_same_wherever_it_lies(parts: int, width: float, scheme: str) -> None:
     found = [
-        vein_conductance(width / 48, degrees, 48, shift=shift, parts=parts)
+        vein_conductance(width / 48, degrees, 48, shift, parts, scheme)
         for degrees in ANGLES
         for shift in (0.0, 0.3, 0.5)
     ]
     np.testing.assert_allclose(found, np.mean(found), rtol=0.1)  # the requirement; measured 0.07
     assert np.mean(found) == pytest.approx(width / 48, rel=0.06)
+
+
+def test_veins_are_spread_over_two_cells_and_carry_as_much() -> None:
+    venation, mask = np.zeros((7, 8)), np.ones((7, 8), bool)
+    venation[:, 3] = 0.8
+    np.testing.assert_allclose(two_cells_wide(venation, mask), [[0.0, 0.0, 0.2, 0.4, 0.2, 0.0, 0.0, 0.0]] * 7)
+    assert venation.max() == 0.8  # what was given is left alone
+    rng = np.random.default_rng(0)
+    venation, mask = rng.uniform(0.0, 1.0, (7, 8)), rng.uniform(size=(7, 8)) < 0.7
+    spread = two_cells_wide(venation, mask)
+    assert spread.sum() == pytest.approx(venation[mask].sum()) and (spread[~mask] == 0.0).all()
+    assert spread.min() >= 0.0 and spread.max() <= venation[mask].max()
 
 
 def test_a_face_belongs_to_a_vein_that_goes_on_behind_it() -> None:
