@@ -16,7 +16,7 @@ from leafwarp.leaf.leaf import Findings, Leaf, MapFrame
 from leafwarp.leaf.maps import files as map_files
 from leafwarp.leaf.maps.cells import leaf_cells
 from leafwarp.leaf.maps.files import LARGEST_SIDE, interval_means, write_maps
-from leafwarp.leaf.maps.make import PixelFrame, make_maps
+from leafwarp.leaf.maps.make import PixelFrame, block_means, fine_venation, make_maps
 from leafwarp.leaf.segment.silhouette import silhouette
 from leafwarp.leaf.shape.outline import Outline, find_outline
 from leafwarp.leaf.venation.veins import Branch, find_veins
@@ -356,6 +356,22 @@ def test_maps_of_a_run_given_back_prepare_the_same_leaf(
     np.testing.assert_array_equal(second.mask, first.mask)
     check_read_back(second.maps, first.maps, first.mask)
     assert all((values[~second.mask] == 0.0).all() for values in second.maps.values())
+    # What faces between the cells conduct is told by finer veins, which are written in the map's stead.
+    inside = np.kron(first.mask, np.ones((4, 4), bool))
+    np.testing.assert_array_equal(
+        block_means(first.fine_venation, first.mask.shape)[first.mask] > 0.0, first.maps["venation"][first.mask] > 0.0
+    )
+    check_read_back({"venation": second.fine_venation}, {"venation": first.fine_venation}, inside)
+
+
+def test_a_coarse_picture_is_read_no_finer_than_its_pixels(leaf: tuple, tmp_path: Path) -> None:
+    photo, outline, frame = leaf
+    map_size = tuple(int(side) // 8 for side in frame.size)
+    for shrink, parts in ((1, 4), (4, 2), (8, 1)):
+        picture = np.zeros((HEIGHT // shrink, WIDTH // shrink), np.uint8)
+        path = write_image(tmp_path / f"veins{shrink}.png", picture)
+        fine = fine_venation(photo, outline, frame, map_size, path)
+        assert fine.shape == (map_size[1] * parts, map_size[0] * parts), shrink
 
 
 def test_maps_without_a_photo_cover_their_own_rectangle(tmp_path: Path) -> None:

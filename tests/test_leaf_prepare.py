@@ -61,6 +61,9 @@ def assert_same(one: Leaf, two: Leaf) -> None:
     assert (one.mask is None) == (two.mask is None) and one.maps.keys() == two.maps.keys()
     if one.mask is not None:
         np.testing.assert_array_equal(one.mask, two.mask)
+    assert (one.fine_venation is None) == (two.fine_venation is None)
+    if one.fine_venation is not None:
+        np.testing.assert_array_equal(one.fine_venation, two.fine_venation)
     for name, values in one.maps.items():
         np.testing.assert_array_equal(values, two.maps[name])
     for attribute in fields(one.findings):
