@@ -45,7 +45,7 @@ class Resolution:
     def of(cls, level: int) -> Resolution:
         """The resolution of a level, 0 to :data:`HIGHEST_LEVEL`."""
         finer = 2.0 ** (level / 2)
-        return cls(round(96 * finer), round(150 * finer**2), round(40 * finer))
+        return cls(round(96 * finer), round(160 * finer**2), round(40 * finer))
 
     def values(self, scene: Scene) -> dict[str, Any]:
         """What it makes of the keys of :data:`DECIDED` that the scene leaves out and has a use for."""
