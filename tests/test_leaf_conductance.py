@@ -12,7 +12,8 @@ from scipy.sparse.linalg import spsolve
 from fluid_sample import make_scene
 from leafwarp.leaf.image.photo import Photo
 from leafwarp.leaf.leaf import Leaf, MapFrame
-from leafwarp.leaf.maps.make import PixelFrame, block_means, fine_venation, make_maps
+from leafwarp.leaf.maps.cells import block_means
+from leafwarp.leaf.maps.make import PixelFrame, fine_venation, make_maps
 from leafwarp.leaf.mesh.topology import mesh_from_triangles
 from leafwarp.leaf.shape.outline import Outline
 from leafwarp.leaf.venation.branch import Branch

@@ -14,9 +14,9 @@ from leafwarp.errors import InputError, OutputError
 from leafwarp.leaf.image.photo import Photo, read_photo
 from leafwarp.leaf.leaf import Findings, Leaf, MapFrame
 from leafwarp.leaf.maps import files as map_files
-from leafwarp.leaf.maps.cells import leaf_cells
-from leafwarp.leaf.maps.files import LARGEST_SIDE, interval_means, write_maps
-from leafwarp.leaf.maps.make import PixelFrame, block_means, fine_venation, make_maps
+from leafwarp.leaf.maps.cells import block_means, is_finer, leaf_cells
+from leafwarp.leaf.maps.files import LARGEST_SIDE, interval_means, read_map, write_maps
+from leafwarp.leaf.maps.make import PixelFrame, fine_venation, make_maps
 from leafwarp.leaf.segment.silhouette import silhouette
 from leafwarp.leaf.shape.outline import Outline, find_outline
 from leafwarp.leaf.venation.veins import Branch, find_veins
@@ -362,6 +362,28 @@ def test_maps_of_a_run_given_back_prepare_the_same_leaf(
         block_means(first.fine_venation, first.mask.shape)[first.mask] > 0.0, first.maps["venation"][first.mask] > 0.0
     )
     check_read_back({"venation": second.fine_venation}, {"venation": first.fine_venation}, inside)
+
+
+@pytest.mark.parametrize("share, parts", [(0.9, 4), (0.25, 2), (0.12, 1)])
+def test_a_written_venation_is_as_fine_as_its_picture_has_pixels_for(
+    leaf: tuple, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, share: float, parts: int
+) -> None:
+    """A leaf that fills a part of a large photo: its cells come back right, however small it is."""
+    photo = leaf[0]
+    frame = PixelFrame(10, 20, 10 + round(share * 400), 20 + round(share * 400))
+    monkeypatch.setattr("leafwarp.leaf.maps.files.LARGEST_SIDE", 1000)
+    monkeypatch.setattr("leafwarp.leaf.maps.files.LARGEST_SIDE_OF_ALL", 1000)
+    mask = np.ones((25, 25), bool)
+    fine = np.random.default_rng(3).uniform(0.0, 1.0, (100, 100))
+    cells = block_means(fine, mask.shape)
+    (path,) = write_maps(
+        {"venation": cells}, mask, tmp_path, "leaf", frame=frame, photo_size=photo.size, fine_venation=fine
+    )
+    read = read_map(path, "venation", photo, frame, (25 * parts, 25 * parts))
+    np.testing.assert_allclose(read, block_means(fine, read.shape), atol=2 * QUANTUM)
+    again = read_map(path, "venation", photo, frame, (25, 25))
+    np.testing.assert_allclose(again, cells, atol=2 * QUANTUM)
+    assert is_finer(read, mask.shape) == (parts > 1)
 
 
 def test_a_coarse_picture_is_read_no_finer_than_its_pixels(leaf: tuple, tmp_path: Path) -> None:

@@ -44,6 +44,7 @@ def prepare_leaf(request: LeafRequest, cache: Path | None = None) -> Leaf:
 
 def _prepare(request: LeafRequest, picture: bytes) -> Leaf:
     from leafwarp.leaf.image.photo import read_grey, read_photo
+    from leafwarp.leaf.maps.cells import is_finer
     from leafwarp.leaf.maps.make import fine_venation, make_maps
     from leafwarp.leaf.maps.pixel_frame import PixelFrame
     from leafwarp.leaf.mesh.triangulate import fill_leaf
@@ -95,7 +96,7 @@ def _prepare(request: LeafRequest, picture: bytes) -> Leaf:
         texture=texture,
         mask=cells,
         maps=maps,
-        fine_venation=None if fine is None or fine.shape == cells.shape else fine,
+        fine_venation=fine if fine is not None and is_finer(fine, cells.shape) else None,
         findings=Findings(
             outline=outline.points,
             base=tuple(map(float, outline.base)),

@@ -11,6 +11,7 @@ from leafwarp.leaf.shape.outline import Outline
 
 RASTER_SIDE = 4096  # [pixels] bound of the fine raster that coverage is drawn on
 LEAST_RASTER = 1024  # [pixels] least side of it, however few the cells
+ALIKE = 2e-3  # parts of a cell that differ by less hold the same: what a picture of 8 or 16 bits rounds to
 PIECE_SHARE = 0.01  # a loose piece with this share of the leaf's cells is joined to it, a smaller one dropped
 
 
@@ -129,3 +130,16 @@ def _path(coverage: np.ndarray, start: np.ndarray, goal: np.ndarray) -> list[tup
                 cost[following], came[following] = price, cell
                 heapq.heappush(heap, (price, following))
     return []
+
+
+def block_means(fine: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
+    """Means of a map's cells over whole blocks of them, shape ``shape``."""
+    rows, columns = shape
+    return fine.reshape(rows, len(fine) // rows, columns, fine.shape[1] // columns).mean((1, 3))
+
+
+def is_finer(fine: np.ndarray, shape: tuple[int, int]) -> bool:
+    """Whether parts of a map's cells hold more than their means: not so of a picture that shows the cells alone."""
+    parts = len(fine) // shape[0]
+    means = np.kron(block_means(fine, shape), np.ones((parts, parts)))
+    return bool(np.abs(fine - means).max() > ALIKE)

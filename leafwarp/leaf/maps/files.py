@@ -15,6 +15,7 @@ import numpy as np
 from leafwarp.errors import InputError
 from leafwarp.files import write_bytes
 from leafwarp.leaf.image.photo import Photo, read_grey
+from leafwarp.leaf.maps.cells import block_means
 from leafwarp.leaf.maps.pixel_frame import PixelFrame
 
 ASPECT_TOLERANCE = 0.02  # by which a picture's proportion may differ from the photo's, rounding aside
@@ -167,7 +168,8 @@ def write_maps(
         frame: The rectangle of the photo that the maps cover.
         photo_size: Width and height of the photo in pixels, which the pictures cover. Without a frame and a photo
             size they cover the maps' own rectangle, and read back right only beside a photo cropped to it.
-        fine_venation: What the venation is the average of, as :class:`leafwarp.leaf.Leaf` has it: written in its stead.
+        fine_venation: What the venation is the average of, as :class:`leafwarp.leaf.Leaf` has it: written in its stead,
+            as finely as the picture has pixels for.
 
     Returns:
         The files written, in the order of the maps.
@@ -183,13 +185,24 @@ def write_maps(
     for name, values in maps.items():
         shown, inside = values / max(float(values.max()), 1e-300) if name == "source" else values, mask
         if name == "venation" and fine_venation is not None:
-            shown = fine_venation
+            shown = _finest_shown(fine_venation, mask.shape, frame, photo_size)
             inside = np.kron(mask, np.ones(np.floor_divide(shown.shape, mask.shape), bool))
         path = Path(folder) / f"{stem}.{name}.png"
         data = cv2.imencode(".png", _picture(np.clip(shown, 0.0, 1.0), inside, frame, photo_size), FAST)[1]
         write_bytes(path, data.tobytes())
         files.append(path)
     return files
+
+
+def _finest_shown(
+    fine: np.ndarray, shape: tuple[int, int], frame: PixelFrame, photo_size: tuple[int, int]
+) -> np.ndarray:
+    """What is drawn on parts of the map's cells, averaged over as few parts as a picture of the photo can show."""
+    parts = len(fine) // shape[0]
+    finest = LARGEST_SIDE_OF_ALL / max(photo_size) * min(np.divide(frame.size, shape[::-1])) / LEAST_PIXELS_A_CELL
+    while parts > 1 and parts > finest:
+        parts //= 2
+    return block_means(fine, (parts * shape[0], parts * shape[1]))
 
 
 def _picture(values: np.ndarray, mask: np.ndarray, frame: PixelFrame, photo_size: tuple[int, int]) -> np.ndarray:

@@ -13,7 +13,7 @@ import numpy as np
 
 from leafwarp.errors import InputError
 from leafwarp.leaf.image.photo import Photo, read_grey
-from leafwarp.leaf.maps.cells import leaf_cells, leaf_coverage
+from leafwarp.leaf.maps.cells import block_means, leaf_cells, leaf_coverage
 from leafwarp.leaf.maps.files import read_map
 from leafwarp.leaf.maps.pixel_frame import PixelFrame
 from leafwarp.leaf.shape.outline import Outline
@@ -113,12 +113,6 @@ def make_maps(
     if "source" in made:
         made["source"] = _shares(made["source"], maps["source"])
     return mask, made
-
-
-def block_means(fine: np.ndarray, shape: tuple[int, int]) -> np.ndarray:
-    """Means of a map's cells over whole blocks of them, shape ``shape``."""
-    rows, columns = shape
-    return fine.reshape(rows, len(fine) // rows, columns, fine.shape[1] // columns).mean((1, 3))
 
 
 def _shares(source: np.ndarray, given: str | float | Path) -> np.ndarray:

@@ -58,9 +58,10 @@ LEAST_SAFETY, LARGEST_SAFETY = 0.9, 1.05
 # They are shown by a solve of noise, which excites all modes: until so little of it is left, or so many iterations.
 LEAST_NOISE = 1e-6
 LONGEST_HISTORY = 32
-# They hardly depend on a source, and the least falls with the sixth root of the step or more slowly: it is known for
-# steps up to so many times as long as the one whose system they were shown by.
-LONGER_STEP = 1.5
+# They hold for shorter steps too, whose systems have less to precondition. With longer ones, or another source, the
+# least may fall, with veins that change from cell to cell nearly as the step grows: they are shown anew, after a step
+# that those known before still serve.
+LONGER_STEP = 1.05
 # Iterations of a step from which on they may tell more.
 TELLING_ITERATIONS = 3
 # Iterations between two looks at the error from the host, which stall a GPU.
@@ -182,7 +183,7 @@ class UnsplitDiffusion(Stage):
         if self.system is None:
             self._upload_faces()
             if seconds > LONGER_STEP * self._probed_step:
-                self._forget()
+                self._probed_step = 0.0
         else:
             self.system = self.system.of_step(self.scene, self.leaf, seconds)
         if self._supply is not None:
@@ -412,6 +413,7 @@ class UnsplitDiffusion(Stage):
         if self.system is not None:
             self._factorise()
             return
+        self._probed_step = 0.0
         exchange = self._state["source_exchange"].numpy().astype(np.float64)
         self._cycle.upload_mass(self._state, exchange)
 

@@ -23,6 +23,8 @@ TIGHT_FORCE_TOLERANCE = 1e-4
 WATER_WEIGHT = 0.1
 # A refinement that changes neither water nor shape by more than this is the last of its kind.
 CONVERGED = 5e-4
+# What the search begins with may take so long, whatever the budget [s].
+PATIENCE = 10.0
 # Below this a finer mesh or map is not tried: rounding, and the samples, decide.
 FINEST = {"map": 4096, "mesh": 200_000, "step": 1_000_000, "coupling": 1_000_000}
 
@@ -191,14 +193,18 @@ def find_reference(
 
     for kind in KINDS:
         coarse = refine(setting, kind, 0.5)
-        if kind == "coupling" and coarse is not None:
+        if kind == "coupling" and coarse is not None and predict(refine(setting, kind)) <= max(left(), PATIENCE):
             # Told of the water at every other frame alone, a leaf shows that of the frame before: no measure of what is
             # left where it is told at each.
             finer = refine(setting, kind)
-            after = run(finer, math.inf)
-            compare(kind, setting, trial, finer, after)
-            setting, trial = finer, after
-            continue
+            try:
+                after = run(finer, math.inf)
+            except LeafwarpError as error:
+                say(f"given up: {finer.in_words(setting)}: {error}")
+            else:
+                compare(kind, setting, trial, finer, after)
+                setting, trial = finer, after
+                continue
         if coarse is not None:
             compare(kind, coarse, run(coarse, math.inf), setting, trial)
         elif refine(setting, kind) is not None:

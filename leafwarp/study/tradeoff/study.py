@@ -155,22 +155,31 @@ def _begin(scene: Scene, output: Path, device: str, overwrite: bool, budget: flo
         if overwrite or not is_same:
             shutil.rmtree(output / TRIALS, ignore_errors=True)
         (output / TRIALS).mkdir(parents=True, exist_ok=True)
-        for stale in (output / RESULT, output / PICTURE, output / TEXT):
-            stale.unlink(missing_ok=True)
+        if had is None or not is_same or overwrite:
+            for stale in (output / RESULT, output / PICTURE, output / TEXT):
+                stale.unlink(missing_ok=True)
+            write_rows(output / TABLE, [])
         write_text(mark, identity)
-        write_rows(output / TABLE, [])
     except (OSError, OutputError) as error:
         raise InputError(f"{output}: cannot be written: {error}") from None
 
 
 def _budget_of(result: Path) -> float | None:
-    """Wall time that a finished study was given [s]; infinite where it does not say, None where none is finished."""
-    if not result.exists():
-        return None
+    """Wall time that a finished study was given [s]; None where none is finished, or its result is damaged."""
     try:
-        return float(json.loads(result.read_text())["budget_seconds"])
+        budget = float(json.loads(result.read_text())["budget_seconds"])
+    except (OSError, ValueError, KeyError, TypeError, OverflowError):
+        return None
+    return budget if math.isfinite(budget) else None
+
+
+def _frames_of(film: Path, most: int) -> int | None:
+    """Frames of the film that a study has begun with; None where it has not, or the file is damaged."""
+    try:
+        frames = json.loads(film.read_text())["frames"]
     except (OSError, ValueError, KeyError, TypeError):
-        return math.inf
+        return None
+    return frames if isinstance(frames, int) and 1 <= frames <= most else None
 
 
 class _Study:
@@ -190,6 +199,8 @@ class _Study:
         np.save(self._places, sample_points(self._leaf.mesh))
         self._film = scene
         self._names: dict[Setting, str] = {}
+        # What a study with less time has found stays until all of this one is known.
+        self._has_result = (output / RESULT).exists()
         self._bar = None
         if not quiet and sys.stderr.isatty():
             from tqdm import tqdm
@@ -283,6 +294,7 @@ class _Study:
         path = self._path_of(setting, camber)
         trial = Trial.load(path)
         if trial is None:
+            path.unlink(missing_ok=True)
             prepare_scene_leaf(scene, self._cache)
             request = Request(
                 scene=scene.model_dump(mode="json", exclude_unset=True),
@@ -315,8 +327,9 @@ class _Study:
         A study that goes on keeps the film that it has begun with, whatever budget it is given.
         """
         kept = self._output / TRIALS / FILM
-        if kept.exists():
-            self._film = self._scene.with_changes({"time.frames": json.loads(kept.read_text())["frames"]})
+        frames = _frames_of(kept, self._scene.time.frames)
+        if frames is not None:
+            self._film = self._scene.with_changes({"time.frames": frames})
             self._costs = CostModel(self._film)
             self._run(self._base, math.inf)
             return
@@ -391,7 +404,8 @@ class _Study:
             except (TrialFailed, InputError) as error:
                 row.status = f"failed: {error}"
         self.rows.append(row)
-        append_row(self._output / TABLE, row)
+        if not self._has_result:
+            append_row(self._output / TABLE, row)
         took = f"{predicted:.0f} s expected"
         if row.measured:
             shape = "" if row.shape_error is None else f", shape {percent(row.shape_error)}"
