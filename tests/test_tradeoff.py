@@ -337,6 +337,30 @@ def test_what_is_kept_costs_nothing_again(
     assert measured <= {row["varied"] for row in result["settings"] if row["seconds"] is not None}
 
 
+def test_what_a_finished_study_found_stays_until_one_with_more_time_is_done(
+    small_scene: Path, folder: Path, leaf_cache: Path, quick, tmp_path: Path
+) -> None:
+    again = tmp_path / "again"
+    shutil.copytree(folder, again)
+    results = ("tradeoff.csv", "tradeoff.json", "tradeoff.txt")
+    before = [(again / name).read_bytes() for name in results]
+    with pytest.raises(KeyboardInterrupt):
+        run(small_scene, again, leaf_cache, budget=2.0 * PLENTY, compute=Counting(interrupted_after=0))
+    assert [(again / name).read_bytes() for name in results] == before
+
+
+@pytest.mark.parametrize("damaged", ["{", "[]", '{"budget_seconds": null, "frames": -4}', '{"budget_seconds": 1e999}'])
+def test_a_damaged_result_is_made_again_from_what_is_kept(
+    damaged: str, small_scene: Path, folder: Path, leaf_cache: Path, quick, tmp_path: Path
+) -> None:
+    shutil.copytree(folder, tmp_path / "again")
+    before = json.loads((folder / "tradeoff.json").read_text())
+    for name in ("tradeoff.json", "trials/film.json"):
+        (tmp_path / "again" / name).write_text(damaged)
+    result = run(small_scene, tmp_path / "again", leaf_cache, budget=1e-3, compute=Counting(interrupted_after=0))
+    assert json.loads(json.dumps(result["reference"])) == before["reference"]
+
+
 def test_a_setting_that_fails_stays_in_the_table(
     small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch
 ) -> None:
