@@ -152,5 +152,5 @@ def test_a_quality_decides_maps_that_only_the_material_asks_for(curl: dict) -> N
         "material": {"preset": "tree"},
     }
     scene = Scene.checked(data | curl, "scene.toml")
-    assert scene.map_names and scene.maps.shape == (96, 96) and scene.mesh.vertices == 150
+    assert scene.map_names and scene.maps.shape == (96, 96) and scene.mesh.vertices == Resolution.of(0).vertices
     assert scene.curl.mismatch is not None
