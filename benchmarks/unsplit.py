@@ -142,6 +142,5 @@ def make_body(options: argparse.Namespace) -> str:
         f"Median (and middle half) of {options.rounds} steps in a row, of the scene's own length, float32 (factor: "
         f"float64), after {UNTIMED} untimed ones: from its start, with the source open, and from the cut on. Ratios "
         "are taken step by step.\n\n" + "\n".join(rows) + "\n\nAll steps of the film, the dear ones after its start "
-        "and the cut among them (what bounds the error is learnt then):\n\n"
-        + "\n".join(films)
+        "and the cut among them (what bounds the error is learnt then):\n\n" + "\n".join(films)
     )
