@@ -41,6 +41,7 @@ def _request(scene: Scene, table: LeafTable) -> LeafRequest:
         follow_veins=scene.mesh.follow_veins,
         map_size=scene.maps.shape if scene.map_names else None,
         maps={name: getattr(scene.maps, name) for name in scene.map_names},
+        fine_venation=scene.flow_has_veins,
         seed=table.seed,
         texture_limit=scene.output.texture_limit,
     )

@@ -60,3 +60,11 @@ def test_veins_drawn_on_finer_cells_bring_coarse_maps_nearer_to_fine_ones(name: 
         errors.append(np.linalg.norm(difference[:, inside]) / np.linalg.norm(expected[:, inside]))
     # Measured 0.030 against 0.083 and, of cut, against 0.072.
     assert errors[0] < 0.05 and errors[0] < 0.6 * errors[1]
+
+
+def test_a_scene_without_flow_along_veins_keeps_no_finer_ones(scene_leaf) -> None:
+    scene = scene_of("bramble", 48)
+    even = scene.with_changes({"fluid.vein_diffusivity": scene.fluid.lamina_diffusivity})
+    assert "venation" in even.map_names and not even.flow_has_veins
+    assert scene_leaf(scene).fine_venation is not None and scene_leaf(even).fine_venation is None
+    np.testing.assert_array_equal(scene_leaf(scene).maps["venation"], scene_leaf(even).maps["venation"])

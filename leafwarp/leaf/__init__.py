@@ -96,7 +96,7 @@ def _prepare(request: LeafRequest, picture: bytes) -> Leaf:
         texture=texture,
         mask=cells,
         maps=maps,
-        fine_venation=fine if fine is not None and is_finer(fine, cells.shape) else None,
+        fine_venation=fine if fine is not None and request.fine_venation and is_finer(fine, cells.shape) else None,
         findings=Findings(
             outline=outline.points,
             base=tuple(map(float, outline.base)),

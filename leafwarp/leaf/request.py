@@ -32,6 +32,7 @@ class LeafRequest:
         map_size: Cells across and up (nx, ny), or None for no maps at all.
         maps: The maps wanted, among :data:`MAP_NAMES`: "auto", a number in [0, 1] (not for ``source``), or a picture
             of the same frame as the photo, of any size. The venation may also be one of :data:`VEIN_KINDS`.
+        fine_venation: Keep the venation as finely as it is drawn, for water that flows along it.
         seed: Of what is made up: veins that the photo does not show, and the stomata's variation.
         texture_limit: Longest side of the texture [pixels]; None for that of the photo.
     """
@@ -47,6 +48,7 @@ class LeafRequest:
     follow_veins: bool = False
     map_size: tuple[int, int] | None = (256, 256)
     maps: Mapping[str, str | float | Path] = field(default_factory=dict)
+    fine_venation: bool = True
     seed: int = 0
     texture_limit: int | None = None
 

@@ -7,7 +7,7 @@ pixels that lie in one cell alone, the border's place is read again: a written m
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +31,14 @@ FAST = (16, 1)  # OpenCV's IMWRITE_PNG_COMPRESSION at its fastest: the pictures 
 SPILL = 3  # cells past the leaf that a written map keeps its values
 
 
-def read_map(path: Path, name: str, photo: Photo, frame: PixelFrame, map_size: tuple[int, int]) -> np.ndarray:
+def read_map(
+    path: Path,
+    name: str,
+    photo: Photo,
+    frame: PixelFrame,
+    map_size: tuple[int, int],
+    refinements: Sequence[int] = (),
+) -> np.ndarray:
     """Cell averages of a picture that covers the same frame as the photo, shape [ny, nx], bottom row first.
 
     Args:
@@ -40,6 +47,8 @@ def read_map(path: Path, name: str, photo: Photo, frame: PixelFrame, map_size: t
         photo: The photo.
         frame: The rectangle of the photo that the map covers.
         map_size: Cells across and up (nx, ny).
+        refinements: Numbers of parts of each cell, each way, to take the averages of instead: the first of them whose
+            parts are no smaller than the picture's pixels.
 
     Raises:
         InputError: The picture cannot be read, or its proportion is not the photo's.
@@ -53,6 +62,8 @@ def read_map(path: Path, name: str, photo: Photo, frame: PixelFrame, map_size: t
             f"{photo.size[0]} x {photo.size[1]}; accepted: a picture of the whole photo, at any size"
         )
     ratio = np.divide(size, photo.size)
+    fits = (times for times in refinements if (np.multiply(times, map_size) <= ratio * frame.size).all())
+    map_size = np.multiply(next(fits, 1), map_size)
     x = np.linspace(frame.left, frame.right, map_size[0] + 1) * ratio[0]
     y = np.linspace(frame.top, frame.bottom, map_size[1] + 1) * ratio[1]
     return interval_means(interval_means(grey, y).T, x).T[::-1]

@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from leafwarp.errors import InputError
-from leafwarp.leaf.image.photo import Photo, read_grey
+from leafwarp.leaf.image.photo import Photo
 from leafwarp.leaf.maps.cells import block_means, leaf_cells, leaf_coverage
 from leafwarp.leaf.maps.files import read_map
 from leafwarp.leaf.maps.pixel_frame import PixelFrame
@@ -48,15 +48,11 @@ def fine_venation(
     """
     refinements = [times for times, most in FINEST_VENATION if times * max(map_size) <= most]
     if isinstance(value, Path):
-        pixels = np.multiply(read_grey(value).shape[::-1], np.divide(frame.size, photo.size))
-        refinements = [times for times in refinements if (np.multiply(times, map_size) <= pixels).all()]
-    refinement = next(iter(refinements), 1)
-    size = (refinement * map_size[0], refinement * map_size[1])
-    if isinstance(value, Path):
-        return read_map(value, "venation", photo, frame, size)
+        return read_map(value, "venation", photo, frame, map_size, refinements)
     if branches is None:
         branches = find_veins(photo, outline, value, seed)
-    return draw_capacity(branches, outline, frame, size)
+    refinement = next(iter(refinements), 1)
+    return draw_capacity(branches, outline, frame, (refinement * map_size[0], refinement * map_size[1]))
 
 
 def make_maps(
