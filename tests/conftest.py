@@ -260,6 +260,23 @@ def scene_leaf(leaf_cache: Path):
     return lambda scene: prepare_scene_leaf(scene, leaf_cache)
 
 
+@pytest.fixture(scope="module")
+def quick_study() -> Iterator[None]:
+    """Studies of the trade that look no further than they must."""
+    from tradeoff_studies import quick_studies
+
+    with quick_studies():
+        yield
+
+
+@pytest.fixture(scope="session")
+def study_folder(small_scene: Path, leaf_cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a whole study of the small scene."""
+    from tradeoff_studies import whole_study
+
+    return whole_study(small_scene, tmp_path_factory.mktemp("trade"), leaf_cache)
+
+
 @pytest.fixture
 def prepared_folder(tmp_path: Path, leaf_cache: Path) -> Path:
     """A folder for the results of a run that finds its leaf prepared, once one of the session has prepared it."""

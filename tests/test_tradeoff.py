@@ -1,4 +1,4 @@
-"""The measured trade: what is computed, compared and kept."""
+"""The measured trade: what is computed and compared."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ import csv
 import dataclasses
 import json
 import os
-import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -14,91 +13,21 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from leafwarp.cli import main
-from leafwarp.errors import InputError
 from leafwarp.scene.file import load_scene
 from leafwarp.study.tradeoff import study, worker
 from leafwarp.study.tradeoff.errors import errors_of
 from leafwarp.study.tradeoff.reference import TIGHT_FORCE_TOLERANCE, first_setting
 from leafwarp.study.tradeoff.setting import Setting, single_changes
-from leafwarp.study.tradeoff.study import run_tradeoff
 from leafwarp.study.tradeoff.summary import summarise
 from leafwarp.study.tradeoff.table import Row
 from leafwarp.study.tradeoff.trial import Trial
 from leafwarp.study.tradeoff.worker import Request, TrialFailed, compute_apart, compute_here
-
-# Seconds of the made-up clock that stands for a study of every setting.
-PLENTY = 1000.0
-SMALLER = ("mesh.vertices=60", "maps.size=16", "time.frames=5")
-
-
-class Counting:
-    """Computes trials in this process and counts them; may be told to fail or to be interrupted."""
-
-    def __init__(self, fails=lambda scene: None, interrupted_after: int | None = None):
-        self.requests: list[Request] = []
-        self._fails, self._interrupted_after = fails, interrupted_after
-
-    def __call__(self, request: Request, seconds: float) -> Trial:
-        if len(self.requests) == self._interrupted_after:
-            raise KeyboardInterrupt
-        self.requests.append(request)
-        message = self._fails(request.scene)
-        if message:
-            raise TrialFailed(message)
-        return compute_here(request, seconds)
-
-
-def few_singles(scene):
-    """Of the choices, one of each kind."""
-    base = Setting.of(scene)
-    yield from (base, base.scaled_map(2.0), base.with_(scheme="unsplit"), base.with_(fluid_step=2400.0))
-    yield from (base.with_(order=2), base.with_(order=2, step_tolerance=1e-3))
-    yield from (base.with_(vertices=240), base.with_(angular_springs=False), base.with_(motion="quasistatic"))
-    yield from (base.with_(coupling_interval=7200.0), base.with_(substep=0.45), base.with_(precision="float64"))
-
-
-def fewer_singles(scene):
-    """The scene as it is, and with two choices: for what does not depend on which there are."""
-    base = Setting.of(scene)
-    yield from (base, base.with_(scheme="unsplit"), base.with_(motion="quasistatic"))
+from tradeoff_studies import SMALLER, Counting, fewer_singles, row_of, run
 
 
 @pytest.fixture(scope="module")
-def quick():
-    """A study that looks no further than it must: the reference is what the search begins with."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "single_changes", few_singles)
-        patch.setattr(study, "preset_settings", lambda scene: {"draft": Setting.of(scene).with_(vertices=80)})
-        patch.setattr(study, "REFERENCE_SHARE", 0.0)
-        patch.setattr(study, "PARTS_SHARE", 0.001)
-        yield
-
-
-def run(scene_file: Path, output: Path, cache: Path, changes: tuple[str, ...] = (), **arguments) -> dict:
-    scene = load_scene(scene_file, changes)
-    options = {"budget": PLENTY, "quiet": True, "compute": compute_here, "cache": cache} | arguments
-    return run_tradeoff(scene, output, **options)
-
-
-@pytest.fixture(scope="module")
-def folder(small_scene: Path, quick, leaf_cache: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """The folder of a whole study of the small scene."""
-    folder = tmp_path_factory.mktemp("trade")
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(study, "combinations", lambda *arguments: [])
-        run(small_scene, folder, leaf_cache)
-    return folder
-
-
-@pytest.fixture(scope="module")
-def result(folder: Path) -> dict:
-    return json.loads((folder / "tradeoff.json").read_text())
-
-
-def row_of(result: dict, varied: str) -> dict:
-    (row,) = [row for row in result["settings"] if row["varied"] == varied]
-    return row
+def result(study_folder: Path) -> dict:
+    return json.loads((study_folder / "tradeoff.json").read_text())
 
 
 def test_every_choice_is_measured(result: dict) -> None:
@@ -188,7 +117,9 @@ def test_errors_fall_as_map_and_step_are_refined(small_scene: Path, tmp_path: Pa
     assert (soon_errors[0] < soon_errors[1]).all() and (late_errors[0] < late_errors[1]).all()
 
 
-def test_the_search_refines_what_changes_the_most(small_scene: Path, leaf_cache: Path, tmp_path: Path, quick) -> None:
+def test_the_search_refines_what_changes_the_most(
+    small_scene: Path, leaf_cache: Path, tmp_path: Path, quick_study
+) -> None:
     """A made-up scene of which map, step and mesh leave errors of first order."""
     from leafwarp.study.tradeoff.reference import find_reference
 
@@ -215,8 +146,8 @@ def test_the_search_refines_what_changes_the_most(small_scene: Path, leaf_cache:
     assert max(r.size for r in reference.last.values()) < reference.refinements[0].size / 2.0
 
 
-def test_csv_json_and_text_say_the_same(folder: Path, result: dict) -> None:
-    with (folder / "tradeoff.csv").open() as file:
+def test_csv_json_and_text_say_the_same(study_folder: Path, result: dict) -> None:
+    with (study_folder / "tradeoff.csv").open() as file:
         lines = list(csv.DictReader(file))
     assert len(lines) == len(result["settings"])
     for line, row in zip(lines, result["settings"], strict=True):
@@ -229,7 +160,7 @@ def test_csv_json_and_text_say_the_same(folder: Path, result: dict) -> None:
                 assert float(text) == pytest.approx(value, rel=1e-5)
             else:
                 assert text == ("" if value is None else str(value))
-    text = (folder / "tradeoff.txt").read_text()
+    text = (study_folder / "tradeoff.txt").read_text()
     assert text.splitlines()[: len(result["summary"])] == result["summary"]
     assert all(f"| {part['part']} |" in text for part in result["parts"])
 
@@ -267,116 +198,18 @@ def test_the_text_goes_by_what_the_reference_can_tell_apart(small_scene: Path) -
     assert "No single choice would make the error much smaller." in text and "with faster it takes 0.2" in text
 
 
-def test_the_plot_is_a_picture(folder: Path) -> None:
+def test_the_plot_is_a_picture(study_folder: Path) -> None:
     pytest.importorskip("matplotlib")
     import cv2
 
-    picture = cv2.imread(str(folder / "tradeoff.png"))
+    picture = cv2.imread(str(study_folder / "tradeoff.png"))
     assert picture.shape[0] > 500 and picture.shape[1] > 1000
     for red, green, blue in ((0xC2, 0x57, 0x1A), (0x1F, 0x6F, 0x8B)):  # both schemes are drawn
         assert (picture == (blue, green, red)).all(axis=2).sum() > 100
 
 
-def test_what_the_budget_does_not_pay_is_listed(small_scene: Path, tmp_path: Path, leaf_cache: Path, quick) -> None:
-    result = run(small_scene, tmp_path, leaf_cache, SMALLER, budget=1e-3)
-    skipped = [row for row in result["settings"] if row["status"] == "skipped: budget"]
-    assert len(skipped) == len(result["settings"]) - 1  # the scene as written was computed first of all
-    assert all(row["predicted_seconds"] > 0.0 and row["water_error"] is None for row in skipped)
-    assert not any(row["water_pareto"] for row in skipped)
-
-
-def test_an_interrupted_study_goes_on_where_it_stopped(
-    small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch
-) -> None:
-    monkeypatch.setattr(study, "combinations", lambda *arguments: [])
-    monkeypatch.setattr(study, "single_changes", fewer_singles)
-    first = Counting(interrupted_after=7)
-    with pytest.raises(KeyboardInterrupt):
-        run(small_scene, tmp_path, leaf_cache, SMALLER, compute=first)
-    assert len((tmp_path / "tradeoff.csv").read_text().splitlines()) > 1
-    assert not (tmp_path / "tradeoff.json").exists()
-    second = Counting()
-    resumed = run(small_scene, tmp_path, leaf_cache, SMALLER, compute=second)
-    assert not {request.result for request in first.requests} & {request.result for request in second.requests}
-    whole = run(small_scene, tmp_path / "whole", leaf_cache, SMALLER)
-    assert len(first.requests) + len(second.requests) == len(list((tmp_path / "whole" / "trials").glob("*.npz")))
-    for row in resumed["settings"]:
-        other = row_of(whole, row["varied"])
-        assert (row["water_error"], row["shape_error"]) == (other["water_error"], other["shape_error"])
-
-
-def test_a_study_of_another_scene_is_not_continued(small_scene: Path, folder: Path, leaf_cache: Path, quick) -> None:
-    before = (folder / "tradeoff.csv").read_bytes()
-    with pytest.raises(InputError, match=r"finished study; a --budget above 1000 s goes on with it; --overwrite"):
-        run(small_scene, folder, leaf_cache)
-    (folder / "tradeoff.json").rename(folder / "kept.json")
-    with pytest.raises(InputError, match=r"another scene.*--overwrite"):
-        run(small_scene, folder, leaf_cache, SMALLER)
-    (folder / "kept.json").rename(folder / "tradeoff.json")
-    assert (folder / "tradeoff.csv").read_bytes() == before
-
-
-@pytest.mark.parametrize("is_finished", [True, False])
-def test_what_is_kept_costs_nothing_again(
-    is_finished: bool, small_scene: Path, folder: Path, leaf_cache: Path, quick, tmp_path: Path
-) -> None:
-    """A finished study goes on with more time; an interrupted one, with next to none, has what it had."""
-    shutil.copytree(folder, tmp_path / "again")
-    before = json.loads((folder / "tradeoff.json").read_text())
-    if not is_finished:
-        (tmp_path / "again" / "tradeoff.json").unlink()
-    counting = Counting()
-    budget = 1.001 * PLENTY if is_finished else 1e-3
-    result = run(small_scene, tmp_path / "again", leaf_cache, budget=budget, compute=counting)
-    kept = {trial.name for trial in (folder / "trials").glob("*.npz")}
-    assert not kept & {Path(request.result).name for request in counting.requests}
-    assert is_finished or counting.requests == []
-    assert result["budget_seconds"] == budget
-    assert json.loads(json.dumps(result["reference"])) == before["reference"]
-    measured = {row["varied"] for row in before["settings"] if row["seconds"] is not None}
-    assert measured <= {row["varied"] for row in result["settings"] if row["seconds"] is not None}
-
-
-def test_what_a_finished_study_found_stays_until_one_with_more_time_is_done(
-    small_scene: Path, folder: Path, leaf_cache: Path, quick, tmp_path: Path
-) -> None:
-    again = tmp_path / "again"
-    shutil.copytree(folder, again)
-    results = ("tradeoff.csv", "tradeoff.json", "tradeoff.txt")
-    before = [(again / name).read_bytes() for name in results]
-    with pytest.raises(KeyboardInterrupt):
-        run(small_scene, again, leaf_cache, budget=2.0 * PLENTY, compute=Counting(interrupted_after=0))
-    assert [(again / name).read_bytes() for name in results] == before
-
-
-@pytest.mark.parametrize("damaged", ["{", "[]", '{"budget_seconds": null, "frames": -4}', '{"budget_seconds": 1e999}'])
-def test_a_damaged_result_is_made_again_from_what_is_kept(
-    damaged: str, small_scene: Path, folder: Path, leaf_cache: Path, quick, tmp_path: Path
-) -> None:
-    shutil.copytree(folder, tmp_path / "again")
-    before = json.loads((folder / "tradeoff.json").read_text())
-    for name in ("tradeoff.json", "trials/film.json"):
-        (tmp_path / "again" / name).write_text(damaged)
-    result = run(small_scene, tmp_path / "again", leaf_cache, budget=1e-3, compute=Counting(interrupted_after=0))
-    assert json.loads(json.dumps(result["reference"])) == before["reference"]
-
-
-def test_a_setting_that_fails_stays_in_the_table(
-    small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch
-) -> None:
-    monkeypatch.setattr(study, "single_changes", fewer_singles)
-
-    def fails(scene: dict) -> str | None:
-        return "frame 2: motion: too hard" if scene["motion"].get("method") == "quasistatic" else None
-
-    result = run(small_scene, tmp_path, leaf_cache, SMALLER, compute=Counting(fails))
-    row = row_of(result, "motion.method = quasistatic")
-    assert row["status"] == "failed: frame 2: motion: too hard" and row["seconds"] is None
-    assert row_of(result, "as written")["status"] == "done"
-
-
 def test_several_shapes_are_said_instead_of_an_error(
-    small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch
+    small_scene: Path, tmp_path: Path, leaf_cache: Path, quick_study, monkeypatch
 ) -> None:
     monkeypatch.setattr(study, "ONE_SHAPE", 1e-12)
     monkeypatch.setattr(study, "single_changes", fewer_singles)
@@ -388,7 +221,9 @@ def test_several_shapes_are_said_instead_of_an_error(
     assert (tmp_path / "tradeoff.csv").exists()
 
 
-def test_a_long_film_is_shortened(small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch) -> None:
+def test_a_long_film_is_shortened(
+    small_scene: Path, tmp_path: Path, leaf_cache: Path, quick_study, monkeypatch
+) -> None:
     monkeypatch.setattr(study, "FILM_SHARE", 1e-9)
     monkeypatch.setattr(study, "preset_settings", lambda scene: {})
     monkeypatch.setattr(study, "single_changes", lambda scene: [])
@@ -400,7 +235,7 @@ def test_a_long_film_is_shortened(small_scene: Path, tmp_path: Path, leaf_cache:
     assert len(result["sampled_frames"]) == 25
 
 
-def test_a_scene_whose_water_is_prescribed(small_scene: Path, tmp_path: Path, leaf_cache: Path, quick) -> None:
+def test_a_scene_whose_water_is_prescribed(small_scene: Path, tmp_path: Path, leaf_cache: Path, quick_study) -> None:
     text = Path(small_scene).read_text()
     head, rest = text.split("[fluid]")
     water = '[water]\ncurve = [["0 h", 1.0], ["8 h", 0.3]]\n[shrink]' + rest.split("[shrink]")[1]
@@ -471,36 +306,3 @@ def test_the_memory_of_a_process_is_its_own() -> None:
         check=True,
     )
     assert held.sum() == 40_000_000 and 1e6 < int(told.stdout) < 150e6
-
-
-def test_progress_is_a_bar_on_a_terminal(
-    small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch, capsys
-) -> None:
-    for is_terminal in (False, True):
-        monkeypatch.setattr(sys.stderr, "isatty", lambda answer=is_terminal: answer)
-        run(small_scene, tmp_path / str(is_terminal), leaf_cache, SMALLER, budget=1e-3, quiet=False)
-        told = capsys.readouterr().err
-        assert "the scene as written, 5 frames" in told and "skipped: budget" in told
-        assert ("█" in told) == is_terminal and ("/0 s" in told)
-
-
-@pytest.mark.parametrize("budget", ["0", "-3 min", "soon", "10 cm", "nan"])
-def test_a_bad_budget_is_refused(small_scene: Path, tmp_path: Path, capsys, budget: str) -> None:
-    assert main(["tradeoff", str(small_scene), "-o", str(tmp_path / "out"), f"--budget={budget}", "-q"]) == 2
-    message = capsys.readouterr().err
-    assert "budget" in message and "accepted" in message and "Traceback" not in message
-
-
-def test_many_leaves_are_refused(small_scene: Path, tmp_path: Path, capsys) -> None:
-    arguments = ["tradeoff", str(small_scene), "-o", str(tmp_path / "out"), "--set", "leaves.count=2", "-q"]
-    assert main(arguments) == 2
-    assert "[leaves]" in capsys.readouterr().err and not (tmp_path / "out").exists()
-
-
-def test_without_matplotlib_the_table_is_written_and_the_extra_is_named(
-    small_scene: Path, tmp_path: Path, leaf_cache: Path, quick, monkeypatch, capsys
-) -> None:
-    monkeypatch.setattr(study, "find_spec", lambda name: None)
-    run(small_scene, tmp_path, leaf_cache, SMALLER, budget=1e-3)
-    assert "leafwarp[plot]" in capsys.readouterr().err
-    assert (tmp_path / "tradeoff.json").exists() and not (tmp_path / "tradeoff.png").exists()
