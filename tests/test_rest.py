@@ -278,7 +278,7 @@ def test_a_slow_creep_or_swing_is_no_rest(still_scene, scene_leaf) -> None:
 
 
 def test_the_report_says_what_was_skipped(small_scene, prepared_folder, device) -> None:
-    changes = ["fluid.step=600", "transpiration.rate=3e-4", "transpiration.cuticle_rate=3e-4", "time.frames=12",
+    changes = ["fluid.step=600", "transpiration.rate=1e-3", "transpiration.cuticle_rate=1e-3", "time.frames=12",
                "mesh.vertices=40"]  # fmt: skip
     arguments = [word for change in changes for word in ("--set", change)]
     assert main(["run", str(small_scene), "-q", "--device", device, "-o", str(prepared_folder), *arguments]) == 0

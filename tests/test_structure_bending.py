@@ -85,6 +85,29 @@ def test_positive_rest_angles_lift_the_opposite_vertices(device, precision):
     assert np.all(forces[2:, 2] > 0.0) and np.all(forces[:2, 2] < 0.0)
 
 
+def test_a_triangle_that_collapses_is_let_go_gently(device, precision):
+    """As the height of a triangle goes to nothing so does the force, instead of growing like its inverse."""
+    leaf, edge = two_triangles(), 1e-2
+    rig = rig_of(scene_of(STRUCTURE), leaf, device, precision)
+    rig.put(hinge_rest_angle=[0.2])
+    moment = 0.2 * rig.get("hinge_stiffness")[0]
+    lifts = {}
+    for share in (0.8, 0.2, 0.11, 0.1, 0.05, 0.01, 1e-4):
+        positions = folded(leaf, 0.0)
+        positions[2, 1] = share * edge
+        rig.put(position=positions, hinge_angle=[0.0])
+        forces = rig.forces("angular_springs")
+        largest = np.abs(forces).max()
+        assert np.abs(forces.sum(axis=0)).max() < 10 * ROUNDING[precision] * largest
+        assert np.abs(total_torque(positions, forces)).max() < 10 * ROUNDING[precision] * largest * edge
+        lifts[share] = forces[2, 2]
+    whole = {share: moment / (share * edge) for share in lifts}
+    for share in (0.8, 0.2, 0.11):
+        assert lifts[share] == pytest.approx(whole[share], rel=1e-4)
+    for share in (0.1, 0.05, 0.01, 1e-4):
+        assert lifts[share] == pytest.approx(whole[0.1] * share / 0.1, rel=1e-4)
+
+
 def test_the_paper_force_is_along_the_normals_and_conserves_linear_momentum(device, precision):
     leaf = strip(columns=6, jitter=0.15)
     rig = rig_of(scene_of(STRUCTURE | {"bending": "paper"}), leaf, device, precision)
