@@ -1,9 +1,9 @@
 """The coarsest resolution that keeps a scene's error within its tolerance, found by films that are coarser still.
 
-Errors are taken to be of first order in the size of a cell and an edge and in the fluid step, which a level of
-resolution (:mod:`leafwarp.scene.quality`) changes together: ``e ~ 2^(-level / 2)``. Richardson's extrapolation would
-take the errors of two films to point the same way, ``e_fine = d / (r - 1)`` for a distance of ``d`` and errors of a
-ratio of ``r``. Those of two meshes do so only in part: with a correlation ``c``
+A level of resolution (:mod:`leafwarp.scene.quality`) changes the size of the cells, that of the edges and the fluid
+step together. Errors are taken to fall with the power :data:`ORDER` of that size, ``e ~ 2^(-ORDER level / 2)``.
+Richardson's extrapolation would take the errors of two films to point the same way, ``e_fine = d / (r - 1)`` for a
+distance of ``d`` and errors of a ratio of ``r``. Those of two meshes do so only in part: with a correlation ``c``
 
     d^2 = e_coarse^2 + e_fine^2 - 2 c e_coarse e_fine,  so  e_fine = d / sqrt(1 + r^2 - 2 c r).
 
@@ -38,9 +38,10 @@ from leafwarp.study.tradeoff.trial import Film, Sampler, sampled_frames
 
 # The levels of the first two coarse films.
 FIRST_LEVELS = (1, 2)
-# Of the errors of two films. Of 62 pairs of fourteen random scenes (benchmarks/tolerance.py, seeds 1 and 2) nine in ten
-# lay between 0.3 and 0.95, half of them below 0.63; the larger it is taken to be, the larger errors are estimated.
-CORRELATION = 0.7
+# Of the errors, and the correlation of those of two films: what fits the distances of the films of levels 0 to 5 of
+# NUMBER random scenes best (benchmarks/tolerance.py, seeds 11 and 12). They lie within a factor of 1.45 of it; with first
+# order, which map and step are of in theory, within 1.54. (Standard deviation of the logarithm.)
+ORDER, CORRELATION = 1.5, 0.65
 # The error to aim at, over the tolerance: an estimate may be too low.
 AIM = 0.6
 # A film is aimed at that is finer by this many levels than the one before it, at most; it takes about eight times
@@ -89,6 +90,11 @@ def at_level(scene: Scene, level: int) -> Scene:
     return scene.with_changes(Resolution.of(level).values(scene))
 
 
+def remaining(levels: int) -> float:
+    """Share of an error that remains on a film that is finer by so many levels."""
+    return 2.0 ** (-ORDER * levels / 2)
+
+
 def error_from(distance: float, level: int, other: int) -> float:
     """Error of a film, told from its distance to one of another level.
 
@@ -97,7 +103,7 @@ def error_from(distance: float, level: int, other: int) -> float:
         level: Level of the film.
         other: Level of the other one.
     """
-    ratio = 2.0 ** ((level - other) / 2)
+    ratio = 1.0 / remaining(level - other)
     return distance / math.sqrt(1.0 + ratio**2 - 2.0 * CORRELATION * ratio)
 
 
@@ -225,12 +231,12 @@ class Search:
         """The level at which an error that is known at another falls to what is aimed at."""
         if error <= 0.0:
             return 0
-        return max(0, level + math.ceil(2.0 * math.log2(error / (AIM * self._scene.tolerance))))
+        return max(0, level + math.ceil(math.log(AIM * self._scene.tolerance / error, remaining(1))))
 
     def _choice(self, level: int, error: float, known: int) -> Choice:
         """A level, where the error at another one is known."""
         values = Resolution.of(level).values(self._scene)
-        return Choice(self._scene.with_changes(values), level, values, error * 2.0 ** ((known - level) / 2))
+        return Choice(self._scene.with_changes(values), level, values, error * remaining(level - known))
 
 
 class Watcher:
