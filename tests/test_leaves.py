@@ -192,8 +192,9 @@ def test_settling_waits_for_the_slowest_leaf(small_scene, scene_leaf, device) ->
     for specimen, found in zip(specimens, np.split(together, 2), strict=True):
         start, rest = settled(specimen)
         ways.append(np.abs(rest - start).max() / photo.length)
-        # Where it comes to rest by itself; let go when the small one has come to rest it is a hundredth short of that.
-        assert np.abs(found - rest).max() < 1e-3 * specimen.size * photo.length
+        # Where it comes to rest by itself, each to within the thousandth that counts as rest; let go when the small one
+        # has come to rest it is a hundredth short of that.
+        assert np.abs(found - rest).max() < 2e-3 * specimen.size * photo.length
     assert ways[0] < 0.01 and ways[1] > 0.5
 
 

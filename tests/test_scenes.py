@@ -202,7 +202,7 @@ def test_frames_and_fps_change_neither_water_nor_shape_of_a_leaf_in_si_units(
 # than with 13, 3 % of its length away.
 BUCKLING = {
     "tree": ({"preset": "tree", "mismatch": 0.03}, 120),
-    "herb": ({"preset": "herb", "mismatch": 0.05}, 234),
+    "herb": ({"preset": "herb", "mismatch": 0.05}, 180),
     "grass": ({"preset": "grass"}, 300),
 }
 

@@ -62,6 +62,50 @@ def test_hinge_constants_follow_their_formulas():
     np.testing.assert_allclose(hinge_stiffness(mesh, 5.0), 5.0 * 4.0 / (1.0 + 3.0))
 
 
+def row_of_triangles(side: float, width: float, lean: float = 0.0):
+    """A single row: sides on its margins, along x, leaning by a share of a side."""
+    places = np.arange(25)
+    return mesh_of(
+        np.column_stack((0.5 * side * places + lean * side * (places % 2), width * (places % 2))),
+        [(k, k + 1, k + 2) if k % 2 else (k, k + 2, k + 1) for k in range(23)],
+    )
+
+
+@pytest.mark.parametrize("lean", [0.0, 0.3])
+@pytest.mark.parametrize("flatness", [0.3, 2.0 / 3.0**0.5, 4.0])
+def test_a_single_row_of_triangles_bends_as_a_narrow_strip_whatever_their_shape(flatness, lean):
+    """A strip of a sheet of bending Poisson ratio nu bends with D (1 - nu^2)."""
+    kappa, width = 0.5, 1e-2
+    mesh = row_of_triangles(flatness * width, width, lean)
+    # Rolled up; triangles at the ends have two sides on the margin, and their hinges are not of the row.
+    x, y = mesh.positions.T
+    rolled = np.column_stack((np.sin(kappa * x) / kappa, y, (1.0 - np.cos(kappa * x)) / kappa))
+    inner = slice(1, -1)
+    hinges = np.argsort(mesh.positions[mesh.hinges[:, :2], 0].mean(axis=1))[inner]
+    angles = material.dihedral_angles(mesh, rolled)[hinges]
+    if lean == 0.0:
+        np.testing.assert_allclose(angles, kappa * hinge_span(mesh)[hinges], rtol=1e-3)
+        length = 0.5 * flatness * width * len(angles)
+        energy = 0.5 * np.sum(hinge_stiffness(mesh, 3.0)[hinges] * angles**2)
+        assert energy == pytest.approx(0.5 * 3.0 * (8.0 / 9.0) * kappa**2 * length * width, rel=1e-3)
+    # All hinges together turn the row's end about its width by as much as it is curved.
+    edges = np.diff(mesh.positions[mesh.hinges[hinges, :2]], axis=1)[:, 0]
+    across = np.abs(edges[:, 1]) / np.linalg.norm(edges, axis=1)
+    span = hinge_span(mesh)[hinges]
+    assert np.sum(span * across) == pytest.approx(0.5 * flatness * width * len(span))
+    if flatness == 2.0 / 3.0**0.5 and lean == 0.0:
+        areas = mesh.vertex_areas.sum() / mesh.triangle_count
+        lengths = np.linalg.norm(edges, axis=1)
+        np.testing.assert_allclose(hinge_stiffness(mesh, 3.0)[hinges], 3.0 * lengths**2 / (2.0 * areas))
+
+
+def test_hinges_beside_a_margin_are_not_of_a_single_row():
+    mesh = equilateral_patch(3)
+    height = material.hinge_height(mesh)
+    inside = np.isin(mesh.hinges[:, :2], [5, 6, 9, 10]).any(axis=1)
+    np.testing.assert_allclose(hinge_span(mesh)[inside], 2.0 / 3.0 * height[inside])
+
+
 def test_mass_follows_the_water():
     mesh = two_triangles().mesh
     total = 2 * 0.75**0.5 / 2 * 1e-4

@@ -290,8 +290,7 @@ class PaperBending(_Hinges):
         )
 
     def bind(self, state: State) -> None:
-        # The span is a third of the two heights together.
-        state.upload("hinge_arm", 1.5 * material.hinge_span(self.leaf.mesh))
+        state.upload("hinge_arm", material.hinge_height(self.leaf.mesh))
         super().bind(state)
         self._state = state
         self._diagnosis = state.record(

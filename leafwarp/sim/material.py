@@ -11,6 +11,7 @@ from leafwarp.leaf.specimen import Specimen
 from leafwarp.scene import MotionTable, Scene
 
 PIN_RADIUS = 0.03  # of the leaf's length
+BENDING_POISSON_RATIO = -1.0 / 3.0  # of the sheet that hinges on equilateral triangles stand for
 
 
 def edge_stiffness(mesh: LeafMesh, membrane_stiffness: float | np.ndarray) -> np.ndarray:
@@ -29,21 +30,39 @@ def edge_stiffness(mesh: LeafMesh, membrane_stiffness: float | np.ndarray) -> np
 def hinge_stiffness(mesh: LeafMesh, bending_stiffness: float | np.ndarray) -> np.ndarray:
     """Stiffness of each angular spring [N m/rad], shape [hinge_count]: ``k = D |e|^2 / (A1 + A2)``.
 
+    Where the mesh is a single row of triangles, a petiole or a sheath, all bending is along the row, and that formula
+    would make it as much too soft or too stiff as its triangles are slim or flat, ``(1 + (b / 2 w)^2)^2 / 2`` times
+    ``D`` with sides of ``b`` along a row of the width ``w``. There ``k = 8/9 D (A1 + A2) / (2 s^2)`` with the span
+    ``s`` of :func:`hinge_span`, which bends as a narrow strip of the sheet does, whatever the triangles (equilateral
+    ones as by the other formula).
+
     Args:
         mesh: The flat mesh.
         bending_stiffness: ``D = E h^3 / (12 (1 - nu^2))`` of the sheet [N m], one for all or shape [hinge_count]. The
-            hinges stand for a sheet whose bending Poisson ratio is -1/3: a narrow strip bends with about 0.95 D.
+            hinges stand for a sheet whose bending Poisson ratio is -1/3: a narrow strip bends with about 0.95 D, a
+            very narrow one with 8/9 D.
     """
-    return bending_stiffness * _squared_lengths(mesh, mesh.hinges[:, :2]) / _hinge_areas(mesh)
+    areas, span = _hinge_areas(mesh), _row_span(mesh)
+    stiffness = _squared_lengths(mesh, mesh.hinges[:, :2]) / areas
+    in_row = span > 0.0
+    stiffness[in_row] = (1.0 - BENDING_POISSON_RATIO**2) * areas[in_row] / (2.0 * span[in_row] ** 2)
+    return bending_stiffness * stiffness
 
 
 def hinge_span(mesh: LeafMesh) -> np.ndarray:
-    """Distance between the centroids of each hinge's two triangles, measured across its edge [m], shape
-    [hinge_count].
+    """Length that each hinge's angle stands for [m], shape [hinge_count].
 
-    A sheet of natural curvature ``kappa`` has the rest angles ``kappa * span``, whatever the mesh.
+    A sheet of natural curvature ``kappa`` has the rest angles ``kappa * span``, whatever the mesh. It is the distance
+    between the centroids of the two triangles, measured across the edge; in a single row of triangles the mean of their
+    shares of the row's length, over the cosine by which the edge leans out of the row's normal.
     """
-    return 2.0 * _hinge_areas(mesh) / (3.0 * np.sqrt(_squared_lengths(mesh, mesh.hinges[:, :2])))
+    span = _row_span(mesh)
+    return np.where(span > 0.0, span, 2.0 / 3.0 * hinge_height(mesh))
+
+
+def hinge_height(mesh: LeafMesh) -> np.ndarray:
+    """Mean height of each hinge's two triangles over its edge [m], shape [hinge_count]."""
+    return _hinge_areas(mesh) / np.sqrt(_squared_lengths(mesh, mesh.hinges[:, :2]))
 
 
 def vertex_mass(mesh: LeafMesh, dry_mass: float, water_mass: float, water: float | np.ndarray = 1.0) -> np.ndarray:
@@ -173,6 +192,36 @@ def _pinned(leaf: Leaf, size: float, motion: MotionTable) -> np.ndarray:
 def _squared_lengths(mesh: LeafMesh, edges: np.ndarray) -> np.ndarray:
     along = mesh.positions[edges[:, 1]] - mesh.positions[edges[:, 0]]
     return np.einsum("ij,ij->i", along, along)
+
+
+def _row_span(mesh: LeafMesh) -> np.ndarray:
+    """Spans of the hinges of single rows of triangles [m], shape [hinge_count]; 0 of all others.
+
+    Such a hinge runs from margin to margin, and each of its triangles has one side on the margin, along the row.
+    """
+    a, b, c, d = mesh.hinges.T.astype(np.int64)
+
+    def key(first: np.ndarray, second: np.ndarray) -> np.ndarray:
+        return np.minimum(first, second) * mesh.vertex_count + np.maximum(first, second)
+
+    is_margin = ~np.isin(key(*mesh.edges.T.astype(np.int64)), key(a, b))
+    on_margin = np.zeros(mesh.vertex_count, bool)
+    on_margin[mesh.edges[is_margin]] = True
+    in_row = on_margin[a] & on_margin[b]
+    along = []
+    for opposite in (c, d):
+        from_a, from_b = (~np.isin(key(end, opposite), key(a, b)) for end in (a, b))
+        in_row &= from_a != from_b
+        along.append(mesh.positions[opposite] - mesh.positions[np.where(from_a, a, b)])
+    edge = mesh.positions[b] - mesh.positions[a]
+    # Both along the row the same way.
+    first, second = along
+    second = np.where((np.einsum("ij,ij->i", first, second) < 0.0)[:, None], -second, second)
+    direction = first + second
+    crossed = np.abs(edge[:, 0] * direction[:, 1] - edge[:, 1] * direction[:, 0])
+    sides = np.linalg.norm(first, axis=1) + np.linalg.norm(second, axis=1)
+    lengths = np.linalg.norm(edge, axis=1) * np.linalg.norm(direction, axis=1)
+    return np.divide(0.25 * sides * lengths, crossed, out=np.zeros(mesh.hinge_count), where=in_row & (crossed > 0.0))
 
 
 def _hinge_areas(mesh: LeafMesh) -> np.ndarray:

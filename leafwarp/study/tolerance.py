@@ -38,9 +38,9 @@ from leafwarp.study.tradeoff.trial import Film, Sampler, sampled_frames
 
 # The levels of the first two coarse films.
 FIRST_LEVELS = (1, 2)
-# Of the errors, and the correlation of those of two films: what fits the distances of the films of levels 0 to 5 of
-# NUMBER random scenes best (benchmarks/tolerance.py, seeds 11 and 12). They lie within a factor of 1.45 of it; with first
-# order, which map and step are of in theory, within 1.54. (Standard deviation of the logarithm.)
+# Of the errors, and the correlation of those of two films: what fits the distances of the films of levels 0 to 5 of 28
+# random scenes (benchmarks/tolerance.py, seeds 11 and 12). They lie within a factor of 1.43 of it (standard deviation
+# of the logarithm); with first order, which map and step are of in theory, within 1.47 to 1.55.
 ORDER, CORRELATION = 1.5, 0.65
 # The error to aim at, over the tolerance: an estimate may be too low.
 AIM = 0.6

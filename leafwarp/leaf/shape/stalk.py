@@ -18,8 +18,8 @@ AREA = 70_000  # [pixels] of the leaf in the window to look in
 OPENINGS = (0.1, 0.16, 0.24, 0.34, 0.45)  # radii that vanish, as shares of the blade's inradius
 SLENDERNESS = 0.9  # least length over width; shorter ones are teeth
 EVENNESS = 0.55  # least width near the end over width near the blade
-# Of a stalk, whole or cut short, as a share of the leaf's extent: in a window of this area two to five times the depth of
-# its foot. With 0.015 tips and a rachis are taken for stalks; up to 0.03 forms and photos of the tests keep their base.
+# Of a stalk, whole or cut, as a share of the leaf's extent: in a window of this area two to five times the depth of its
+# foot. With 0.015 tips and a rachis are taken for stalks; up to 0.03 forms and photos of the tests keep their base.
 LEAST_LENGTH = 0.018
 FOOT = 2.5  # [pixels] depth of a thin part's joint with the rest
 APART = 0.33  # least distance of an end from the rest of the leaf over the length: a shadow's rim hugs the margin
