@@ -184,7 +184,7 @@ def test_settling_waits_for_the_slowest_leaf(small_scene, scene_leaf, device) ->
     def settled(*chosen: Specimen) -> tuple[np.ndarray, np.ndarray]:
         simulation = Simulation(scene, gather_leaves([photo], [0] * len(chosen), chosen), device)
         start = simulation.read_frame(1).points.copy()
-        simulation.settle()
+        simulation.motion.settle(tolerance=3e-4)  # what is compared at a thousandth may swing by less
         return start, simulation.read_frame(1).points.copy()
 
     _, together = settled(*specimens)
@@ -192,9 +192,8 @@ def test_settling_waits_for_the_slowest_leaf(small_scene, scene_leaf, device) ->
     for specimen, found in zip(specimens, np.split(together, 2), strict=True):
         start, rest = settled(specimen)
         ways.append(np.abs(rest - start).max() / photo.length)
-        # Where it comes to rest by itself, each to within the thousandth that counts as rest; let go when the small one
-        # has come to rest it is a hundredth short of that.
-        assert np.abs(found - rest).max() < 2e-3 * specimen.size * photo.length
+        # Where it comes to rest by itself; let go when the small one has come to rest it is a hundredth short of that.
+        assert np.abs(found - rest).max() < 1e-3 * specimen.size * photo.length
     assert ways[0] < 0.01 and ways[1] > 0.5
 
 

