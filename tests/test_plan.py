@@ -229,3 +229,11 @@ def test_what_follows_the_water_is_launched_as_planned(interval: float | None, s
     for stage in stages:
         counted = sum(stage.launches_in(count) for count in taken) / (scene.time.frames - 1)
         assert planned[stage.name] == pytest.approx(counted, rel=0.15), stage.name
+
+
+def test_more_substeps_than_any_run_takes_are_planned(small_scene: Path) -> None:
+    """What a run refuses, ``plan`` still tells: with how many substeps it would be."""
+    stiff = load_scene(small_scene).with_changes({"solver.substep": 1e-12, "solver.maximum_substeps": 16})
+    report = plan_report(stiff, "cpu")
+    assert report["substeps_per_frame"] > 1e10
+    assert next(s for s in report["stages"] if s["name"] == "ramp")["launches_per_frame"] > 1e9

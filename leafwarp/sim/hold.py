@@ -7,7 +7,7 @@ import numpy as np
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.sim import material
-from leafwarp.sim.blocks import blocks, shares
+from leafwarp.sim.blocks import count_shares
 from leafwarp.sim.launch import ArraySpec, State
 from leafwarp.sim.stage import Stage
 from leafwarp_kernels import hold
@@ -47,7 +47,7 @@ class Hold(Stage):
             )
 
     def launches_in(self, substeps: int) -> int:
-        within = sum(len(shares(size)) for size in blocks(substeps)) if self.scene.motion.method == "explicit" else 0
+        within = count_shares(substeps) if self.scene.motion.method == "explicit" else 0
         return within + 1 + self._carries
 
     def bind(self, state: State) -> None:

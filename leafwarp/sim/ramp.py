@@ -7,7 +7,7 @@ import warp as wp
 
 from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
-from leafwarp.sim.blocks import BLOCK, blocks, shares
+from leafwarp.sim.blocks import BLOCK, count_blocks, count_shares, shares
 from leafwarp.sim.launch import ArraySpec, Command, State
 from leafwarp.sim.rest_state import REST_STATE, following
 from leafwarp.sim.stage import Stage
@@ -59,7 +59,7 @@ class Ramp(Stage):
         self._end = state.record(keep, count, after, now)
 
     def launches_in(self, substeps: int) -> int:
-        return 3 + sum(len(shares(size)) + 1 for size in blocks(substeps))
+        return 3 + count_shares(substeps) + count_blocks(substeps)
 
     def remember(self) -> None:
         """Take the parameters of the moment for those that the next span begins with."""
