@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from leafwarp.scene import Scene
 from leafwarp.study.tradeoff.setting import Setting
 from leafwarp.study.tradeoff.trial import Trial
 
@@ -23,7 +22,7 @@ FACTOR, FACTOR_EXPONENT = 4.0, 1.25
 MOTION_EXPONENTS = {"explicit": 1.5, "implicit": 1.3, "quasistatic": 1.3}
 # Of one kind of motion that was not timed yet over another: a guess that errs on the dear side.
 OTHER_MOTION = 3.0
-# A process of its own, and a leaf to prepare [s].
+# A process of its own, and a leaf to prepare, where none was timed yet [s].
 OVERHEAD = 2.0
 
 
@@ -46,20 +45,22 @@ class CostModel:
     """Predicts the wall time of trials from those computed so far.
 
     Args:
-        scene: The scene.
+        duration: Plant time of the film [s].
     """
 
-    def __init__(self, scene: Scene):
-        self._duration = scene.time.duration
+    def __init__(self, duration: float):
+        self._duration = duration
         self._known: list[_Timing] = []
 
     def learn(self, setting: Setting, trial: Trial, seconds: float) -> None:
         """Take a trial into account, which took so long from start to end."""
-        self._known.append(_Timing(setting, trial, max(0.0, seconds - trial.seconds)))
+        self._known.append(_Timing(setting, trial, max(0.0, seconds - trial.seconds - trial.start_seconds)))
 
     def predict(self, setting: Setting) -> float:
         """Wall time of a trial from start to end [s]."""
-        return self.film(setting) + max((timing.overhead for timing in self._known[-8:]), default=OVERHEAD)
+        if not self._known:
+            return OVERHEAD
+        return self.film(setting) + self._scaled(setting, _start) + self._scaled(setting, _preparation)
 
     def film(self, setting: Setting) -> float:
         """Wall time of its film alone [s]; 0 where nothing is known yet."""
@@ -92,10 +93,29 @@ class CostModel:
         return steps * cells * each * setting.fluid_step ** STEP_EXPONENTS[scheme]
 
     def _motion(self, timing: _Timing, setting: Setting) -> _Estimate:
-        ratio = _motion_work(setting) / _motion_work(timing.setting)
-        is_other = setting.motion != timing.setting.motion
-        seconds = timing.trial.motion_seconds + timing.trial.frame_seconds
-        return _Estimate(ratio * seconds * (OTHER_MOTION if is_other else 1.0), _distance(ratio, is_other))
+        return _as_motion(timing, setting, timing.trial.motion_seconds + timing.trial.frame_seconds)
+
+
+def _start(timing: _Timing, setting: Setting) -> _Estimate:
+    """Until the first frame: nearly all of it settling."""
+    return _as_motion(timing, setting, timing.trial.start_seconds)
+
+
+def _preparation(timing: _Timing, setting: Setting) -> _Estimate:
+    """A process of its own, and its leaf: no dearer with a coarser mesh or map, nor cheaper than their like."""
+    ratios = setting.vertices / timing.setting.vertices, setting.cells / timing.setting.cells
+    distance = sum(_distance(ratio, False) for ratio in ratios)
+    return _Estimate(max(1.0, *ratios) * timing.overhead, distance)
+
+
+def _as_motion(timing: _Timing, setting: Setting, seconds: float) -> _Estimate:
+    known = timing.setting
+    is_other = setting.motion != known.motion
+    if is_other:
+        ratio = OTHER_MOTION * (setting.vertices / known.vertices) ** MOTION_EXPONENTS[setting.motion]
+    else:
+        ratio = _motion_work(setting) / _motion_work(known)
+    return _Estimate(ratio * seconds, _distance(ratio, is_other))
 
 
 def _kind_of_fluid(setting: Setting) -> tuple:

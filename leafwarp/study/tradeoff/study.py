@@ -192,7 +192,7 @@ class _Study:
         self._begin = time.perf_counter()
         self._scene, self._output, self._device, self._budget, self._quiet = scene, output, device, budget, quiet
         self._compute, self._cache = compute, cache
-        self._costs = CostModel(scene)
+        self._costs = CostModel(scene.time.duration)
         self._base = Setting.of(scene)
         self._leaf: Leaf = prepare_scene_leaf(scene, cache)
         self._places = output / TRIALS / "places.npy"
@@ -330,7 +330,7 @@ class _Study:
         frames = _frames_of(kept, self._scene.time.frames)
         if frames is not None:
             self._film = self._scene.with_changes({"time.frames": frames})
-            self._costs = CostModel(self._film)
+            self._costs = CostModel(self._film.time.duration)
             self._run(self._base, math.inf)
             return
         self._find_film()
@@ -351,7 +351,7 @@ class _Study:
                     return
                 fewer = math.floor(frames * allowed / trial.seconds)
             self._trials.clear()
-            self._costs = CostModel(self._film)
+            self._costs = CostModel(self._film.time.duration)
             self._film = self._scene.with_changes({"time.frames": max(fewer, SAMPLED_FRAMES)})
 
     def _nudged(self) -> float | None:
