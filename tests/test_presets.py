@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from itertools import pairwise
 
-from benchmarks.presets import BETTER, KEPT, beating
+from benchmarks.presets import BETTER, KEPT, beating, can_be_judged
 from leafwarp.scene.quality import QUALITIES, Resolution
 
 
@@ -52,3 +52,15 @@ def test_what_beats_a_preset() -> None:
     # What the reference cannot tell apart beats nothing.
     result["reference"]["own_errors"]["shape_error"] = 0.05
     assert beating(result, preset, "shape") == []
+
+
+def test_what_can_be_judged() -> None:
+    result = {"reference": {"vertices": 1000, "own_errors": {"shape_error": 0.01}}}
+
+    def row(vertices: int, error: float) -> dict:
+        return {"seconds": 1.0, "vertices": vertices, "shape_error": error}
+
+    assert can_be_judged(result, row(1000, 0.05))
+    assert can_be_judged(result, row(2000, 0.005))
+    assert not can_be_judged(result, row(2000, 0.05))
+    assert not can_be_judged(result, row(200, 0.05) | {"seconds": None})
