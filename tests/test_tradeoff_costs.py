@@ -66,3 +66,9 @@ def test_finer_ones_take_longer_before_the_film_too(costs: CostModel) -> None:
 
 def test_motion_of_another_kind_is_expected_on_the_dear_side(costs: CostModel) -> None:
     assert costs.predict(OWN.with_(motion="quasistatic")) >= 1.0 + 3.0 * (2.0 + 4.0) + 3.0
+
+
+def test_what_a_kept_trial_took_around_its_film_is_not_taken_for_nothing() -> None:
+    model = CostModel(3600.0)
+    model.learn(OWN, trial(start=2.0, fluid=1.0, motion=4.0), None)
+    assert model.predict(OWN) == pytest.approx(7.0 + OVERHEAD)

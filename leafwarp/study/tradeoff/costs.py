@@ -22,7 +22,7 @@ FACTOR, FACTOR_EXPONENT = 4.0, 1.25
 MOTION_EXPONENTS = {"explicit": 1.5, "implicit": 1.3, "quasistatic": 1.3}
 # Of one kind of motion that was not timed yet over another: a guess that errs on the dear side.
 OTHER_MOTION = 3.0
-# A process of its own, and a leaf to prepare, where none was timed yet [s].
+# A process of its own, and a leaf to prepare, where that was not timed [s].
 OVERHEAD = 2.0
 
 
@@ -52,9 +52,10 @@ class CostModel:
         self._duration = duration
         self._known: list[_Timing] = []
 
-    def learn(self, setting: Setting, trial: Trial, seconds: float) -> None:
-        """Take a trial into account, which took so long from start to end."""
-        self._known.append(_Timing(setting, trial, max(0.0, seconds - trial.seconds - trial.start_seconds)))
+    def learn(self, setting: Setting, trial: Trial, seconds: float | None) -> None:
+        """Take a trial into account, which took so long from start to end; of a kept one, that is not known: None."""
+        overhead = OVERHEAD if seconds is None else max(0.0, seconds - trial.seconds - trial.start_seconds)
+        self._known.append(_Timing(setting, trial, overhead))
 
     def predict(self, setting: Setting) -> float:
         """Wall time of a trial from start to end [s]."""

@@ -307,7 +307,7 @@ class _Study:
             trial = self._compute(request, seconds)
             self._costs.learn(setting, trial, time.perf_counter() - begin)
         else:
-            self._costs.learn(setting, trial, trial.seconds + trial.start_seconds)
+            self._costs.learn(setting, trial, None)
         if camber is None:
             self._trials[setting] = trial
         return trial
