@@ -121,6 +121,8 @@ def test_a_reference_that_finer_steps_move_away_from_is_not_converged() -> None:
     assert not errors_fall_with_the_step(errors(0.03, 0.5, 0.1), 0.1)
     assert errors_fall_with_the_step(errors(0.03, 0.05, 0.1), 0.1)
     assert errors_fall_with_the_step(errors(0.5), 0.0)
+    # In between, errors of the step and of the map may cancel.
+    assert errors_fall_with_the_step(errors(0.15, 0.1, 0.2), 0.0)
     # Other maps and other schemes have errors of their own.
     assert errors_fall_with_the_step(errors(0.3, 0.1, 0.2) | errors(0.9, 0.8, 0.8, scheme="unsplit"), 0.0)
     assert not errors_fall_with_the_step(errors(0.3, 0.1, 0.2) | errors(0.7, 0.8, 0.8, scheme="unsplit"), 0.0)

@@ -96,22 +96,22 @@ class Reference:
 
 
 def errors_fall_with_the_step(errors: Mapping[Setting, float], slack: float) -> bool:
-    """Whether settings come closer to the reference with a shorter fluid step, as they must if the reference is right.
+    """Whether no setting is closer to the reference than that with the shortest fluid step, as it must be if the
+    reference is right.
 
     Where a reference is far from converged, one more refinement may change little and say nothing; settings finer than
-    it then move away from it.
+    it then move away from it. In between, errors of step and map of opposite signs may cancel.
 
     Args:
         errors: Water error of each setting; those that differ by nothing but the step are compared.
-        slack: By how much an error may rise from a step to a shorter one.
+        slack: By how much the error of the shortest step may be above that of another.
     """
     families: dict[Setting, dict[float, float]] = {}
     for setting, error in errors.items():
         if setting.fluid_step is not None:
             families.setdefault(replace(setting, fluid_step=None), {})[setting.fluid_step] = error
     for family in families.values():
-        by_length = [family[step] for step in sorted(family)]
-        if any(error > min(by_length[index:]) + slack for index, error in enumerate(by_length)):
+        if family[min(family)] > min(family.values()) + slack:
             return False
     return True
 
