@@ -13,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from leafwarp.scene import Scene
 from leafwarp.scene.file import load_scene
 from leafwarp.study.tradeoff import study, worker
 from leafwarp.study.tradeoff.errors import errors_of
@@ -146,6 +147,36 @@ def test_the_search_refines_what_changes_the_most(
     assert max(r.size for r in reference.last.values()) < reference.refinements[0].size / 2.0
 
 
+def test_where_explicit_motion_is_too_dear_the_search_goes_on_with_implicit_motion(small_scene: Path) -> None:
+    """A made-up scene whose mesh errs the most; fine meshes take for ever by explicit motion, which implicit motion is
+    a thousandth of the length away from."""
+    from leafwarp.study.tradeoff.reference import find_reference
+
+    def run_made_up(setting: Setting, seconds: float) -> Trial:
+        points = np.zeros((2, 4, 3))
+        points[1, :, 2] = 1.0 / setting.vertices
+        points[:, :, 1] = 1e-3 * (setting.motion == "implicit")
+        return Trial(points, np.ones((2, 4)), 0, 1, 1, 0, 1, 1, 0, 0, setting.vertices)
+
+    def search(scene: Scene):
+        clock = iter(range(1000))
+        return find_reference(
+            scene, 1.0, run_made_up,
+            lambda setting: 100.0 if setting.motion == "explicit" and setting.vertices > 500 else 0.1,
+            lambda: 30.0 - next(clock), lambda text: None,
+        )  # fmt: skip
+
+    scene = load_scene(small_scene)
+    reference = search(scene)
+    assert reference.setting.motion == "implicit" and reference.setting.precision == "float64"
+    assert reference.setting.force_tolerance == TIGHT_FORCE_TOLERANCE and reference.setting.vertices > 500
+    assert reference.last["motion"].shape == pytest.approx(1e-3, rel=1e-3)
+    assert reference.own_shape_error == pytest.approx(1e-3 + reference.last["mesh"].shape, rel=1e-3)
+    # What has no implicit motion stays with the mesh that it can pay.
+    paper = search(scene.with_changes({"structure.bending": "paper"}))
+    assert paper.setting.motion == "explicit" and paper.setting.vertices <= 500 and "motion" not in paper.last
+
+
 def test_csv_json_and_text_say_the_same(study_folder: Path, result: dict) -> None:
     with (study_folder / "tradeoff.csv").open() as file:
         lines = list(csv.DictReader(file))
@@ -225,7 +256,7 @@ def test_a_long_film_is_shortened(
     small_scene: Path, tmp_path: Path, leaf_cache: Path, quick_study, monkeypatch
 ) -> None:
     monkeypatch.setattr(study, "FILM_SHARE", 1e-9)
-    monkeypatch.setattr(study, "preset_settings", lambda scene: {})
+    monkeypatch.setattr(study, "preset_settings", lambda scene, leaf: {})
     monkeypatch.setattr(study, "single_changes", lambda scene: [])
     monkeypatch.setattr(study, "combinations", lambda *arguments: [])
     counting = Counting()

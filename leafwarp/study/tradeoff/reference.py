@@ -31,10 +31,10 @@ FINEST = {"map": 4096, "mesh": 200_000, "step": 1_000_000, "coupling": 1_000_000
 
 @dataclass(frozen=True)
 class Refinement:
-    """What refining one thing by a factor of two changed.
+    """What refining one thing by a factor of two changed, or moving implicitly in place of explicitly.
 
     Attributes:
-        kind: "map", "step", "mesh" or "coupling".
+        kind: "map", "step", "mesh", "coupling" or "motion".
         coarse: The setting before.
         fine: The setting after.
         water: Relative L2 distance of the water of both.
@@ -169,6 +169,9 @@ def find_reference(
 ) -> Reference:
     """Refine, again and again, what changes the result the most, for as long as the time lasts.
 
+    Where explicit motion on a finer mesh takes longer than that, implicit motion takes its place; what this changes is
+    one more part of the reference's own error.
+
     Args:
         scene: The scene.
         length: Length of the leaf [m].
@@ -182,14 +185,26 @@ def find_reference(
     """
     own, setting = Setting.of(scene), first_setting(scene)
     trial = run(setting, math.inf)
+    may_change_motion = own.motion == "explicit" and scene.structure.bending != "paper"
     refinements: list[Refinement] = []
     sizes: dict[str, float] = {}
 
     def compare(kind: str, coarse: Setting, before: Trial, fine: Setting, after: Trial) -> None:
         errors = errors_of(before, after, length)
         refinements.append(Refinement(kind, coarse, fine, errors.water, errors.shape))
-        sizes[kind] = refinements[-1].size
-        say(f"twice as fine a {kind}: water changes by {errors.water:.2g}, shape by {errors.shape:.2g} of the length")
+        what = "implicit motion"
+        if kind in KINDS:
+            sizes[kind], what = refinements[-1].size, f"twice as fine a {kind}"
+        say(f"{what}: water changes by {errors.water:.2g}, shape by {errors.shape:.2g} of the length")
+
+    def implicit_in_its_place() -> Setting | None:
+        """The setting with implicit motion, if then a finer mesh can be paid."""
+        implicit = setting.with_(motion="implicit", force_tolerance=TIGHT_FORCE_TOLERANCE)
+        try:
+            run(own.with_(motion="implicit"), left())  # what such motion costs on this scene; asked for later anyway
+        except (OutOfTime, LeafwarpError):
+            return None
+        return implicit if predict(implicit) + predict(refine(implicit, "mesh")) <= left() else None
 
     for kind in KINDS:
         coarse = refine(setting, kind, 0.5)
@@ -213,7 +228,12 @@ def find_reference(
         # Nothing may be coarser than in the scene itself, if that can be paid.
         kind = "map" if "map" in sizes and setting.cells < own.cells else max(sizes, key=sizes.get)
         finer = refine(setting, kind)
-        if finer is None or predict(finer) > left():
+        if finer is not None and predict(finer) > left():
+            finer = None
+            if kind == "mesh" and may_change_motion:
+                may_change_motion = False
+                finer = implicit_in_its_place()
+        if finer is None:
             del sizes[kind]
             continue
         try:
@@ -222,6 +242,6 @@ def find_reference(
             say(f"given up: {finer.in_words(setting)}: {str(error) or 'no time left'}")
             del sizes[kind]
             continue
-        compare(kind, setting, trial, finer, after)
+        compare(kind if finer.motion == setting.motion else "motion", setting, trial, finer, after)
         setting, trial = finer, after
     return Reference(setting, trial, tuple(refinements))
