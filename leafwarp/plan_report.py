@@ -28,8 +28,11 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
     leaf = prepare_scene_leaf(scene, None)
 
     from leafwarp.sim.launch import check_device
+    from leafwarp.sim.method import with_fitting_method
     from leafwarp.sim.simulation import Simulation
 
+    chosen = scene.method_is_open
+    scene = with_fitting_method(scene, leaf)
     simulation = Simulation(scene, leaf, check_device(device))
     intervals = max(scene.time.frames - 1, 1)
     moments = [moment for frame in range(2, scene.time.frames + 1) for moment in simulation.moments(frame)]
@@ -58,6 +61,7 @@ def plan_report(scene: Scene, device: str) -> dict[str, Any]:
         "substeps_per_frame": substeps,
         "substep_seconds": 1.0 / (scene.time.fps * substeps),
         "motion": scene.motion.method,
+        "motion_chosen": chosen,
         "steps_adapt": simulation.fluid is not None and scene.fluid.step_tolerance is not None,
         "path_equilibria": len(simulation.path_times),
         "only_explicit": scene.leaves is not None or scene.structure.bending == "paper",
@@ -118,6 +122,8 @@ def print_plan(report: dict[str, Any]) -> None:
             f"the split scheme throttles diagonal veins where beta is above about {SPLIT_BETA:g}: here it reaches "
             f"{beta:.3g}; a shorter fluid.step or fluid.scheme = 'unsplit' helps, and tradeoff measures how much"
         )
+    if report["motion_chosen"]:
+        print(f"motion.method = '{report['motion']}': what takes the least time, as the scene leaves that open")
     if report["path_equilibria"]:
         print(f"the leaf is in equilibrium at {report['path_equilibria']} moments, and off that path at every frame")
     if report["motion"] == "explicit" and not report["only_explicit"] and report["substeps_per_frame"] > MANY_SUBSTEPS:

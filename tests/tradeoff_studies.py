@@ -68,7 +68,7 @@ def quick_studies() -> Iterator[None]:
     """Studies look no further than they must: the reference is what the search begins with."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(study, "single_changes", few_singles)
-        patch.setattr(study, "preset_settings", lambda scene: {"draft": Setting.of(scene).with_(vertices=80)})
+        patch.setattr(study, "preset_settings", lambda scene, leaf: {"draft": Setting.of(scene).with_(vertices=80)})
         patch.setattr(study, "REFERENCE_SHARE", 0.0)
         patch.setattr(study, "PARTS_SHARE", 0.001)
         yield

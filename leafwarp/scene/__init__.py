@@ -20,7 +20,7 @@ from leafwarp.scene.fields import Bounds, Curve, Fraction, Table, plain_number, 
 from leafwarp.scene.leaf import MOST_CELLS, LeafTable, MapsTable, MeshTable
 from leafwarp.scene.leaves import LeavesTable
 from leafwarp.scene.material import MaterialTable
-from leafwarp.scene.quality import QUALITIES
+from leafwarp.scene.quality import QUALITIES, motion_is_open
 from leafwarp.scene.running import OutputTable, SolverTable, TimeTable
 from leafwarp.scene.structure import MOST_SHRINK, CurlTable, MotionTable, ShrinkTable, StructureTable
 from leafwarp.scene.water import AirTable, FluidTable, SourceTable, StomataTable, TranspirationTable, WaterTable
@@ -47,8 +47,8 @@ class Scene(Table):
     )
     quality: Literal[tuple(QUALITIES)] | None = Field(
         None,
-        description="draft, balanced or final: decides mesh.vertices, maps.size, fluid.step and fluid.scheme where "
-        "they are left out. Default: each has its own default.",
+        description="draft, balanced or final: decides mesh.vertices, maps.size, fluid.step, fluid.scheme and "
+        "motion.method where they are left out. Default: each has its own default.",
     )
     tolerance: Annotated[Fraction, Bounds(1e-4, 0.5, "", "a string may say %: '1 %'")] | None = Field(
         None,
@@ -233,6 +233,11 @@ class Scene(Table):
     def curls(self) -> bool:
         """Whether rest angles depend on the water."""
         return self.curl is not None and varies(self.curl.mismatch)
+
+    @property
+    def method_is_open(self) -> bool:
+        """Whether a quality or a tolerance decides how the leaf moves, once the leaf is known."""
+        return (self.quality is not None or self.tolerance is not None) and motion_is_open(self)
 
     @property
     def has_weight(self) -> bool:

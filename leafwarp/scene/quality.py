@@ -6,6 +6,8 @@ error falls with the map where that of the split one rises with it.
 
 Where a tolerance is asked for, fluid steps look after themselves: they are of second order, and each is halved until
 its two halves tell an error that leaves the tolerance to what they cannot see, the map and the mesh.
+
+How the leaf moves is left open as well, and decided by what it takes on the leaf (:mod:`leafwarp.sim.method`).
 """
 
 from __future__ import annotations
@@ -25,6 +27,8 @@ FEWEST_STEPS = 40
 STEP_SHARE = 0.1
 # Keys that a quality or a tolerance decides where the scene leaves them out.
 DECIDED = ("mesh.vertices", "maps.size", "fluid.step", "fluid.scheme")
+# Keys with which a scene chooses between explicit and implicit motion itself.
+SAYS_HOW_IT_MOVES = ("motion.method", "solver.precision", "solver.substep", "solver.maximum_substeps")
 
 
 @dataclass(frozen=True)
@@ -71,6 +75,16 @@ def _steps_adapt(scene: Scene) -> bool:
     if _is_given(scene, "fluid.scheme") and scene.fluid.scheme == "split":
         return False
     return not any(_is_given(scene, f"fluid.{name}") for name in ("step", "order", "step_tolerance"))
+
+
+def motion_is_open(scene: Scene) -> bool:
+    """Whether explicit motion may be exchanged for implicit motion where that takes less time: where the scene says
+    nothing of its motion, nor anything that one of them alone has or can do."""
+    if scene.motion.method != "explicit" or scene.structure.bending == "paper":
+        return False
+    if scene.leaves is not None or scene.motion.wind is not None:
+        return False
+    return not any(_is_given(scene, key) for key in SAYS_HOW_IT_MOVES)
 
 
 def _is_given(scene: Scene, key: str) -> bool:

@@ -126,7 +126,7 @@ class MotionTable(Table):
         description="explicit: small steps, for a soft membrane. quasistatic: equilibria, at every frame and on the "
         "way, for a real leaf's stiffness; a leaf that dries for hours has no inertia to speak of. implicit: the same "
         "with inertia in the film's time, by backward Euler in steps of a frame. Default: explicit, or quasistatic "
-        "with [material].",
+        "with [material]; with a quality or a tolerance, implicit where explicit steps would take longer.",
     )
 
     gravity: Vector | None = Field(None, description="Acceleration of gravity [m/s^2], z up; left out: none.")

@@ -144,7 +144,7 @@ def slow_motion(scene: Scene) -> Iterator[str]:
     """
     structure = scene.structure
     stiffness = structure.membrane_stiffness * structure.stiffness_factor[-1][1]
-    if scene.motion.method != "explicit" or scene.leaf.length is None or stiffness == 0.0:
+    if scene.motion.method != "explicit" or scene.method_is_open or scene.leaf.length is None or stiffness == 0.0:
         return
     mass = (structure.dry_mass + structure.water_mass) * scene.leaf.length**2 / scene.mesh.vertices
     step = 2.0 / math.sqrt(12.0 * 0.5 * math.sqrt(3.0) * stiffness / mass)

@@ -31,6 +31,7 @@ from leafwarp.leaf.leaf import Leaf
 from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.scene import Scene
 from leafwarp.scene.quality import HIGHEST_LEVEL, Resolution
+from leafwarp.sim.method import with_fitting_method
 from leafwarp.sim.simulation import Simulation
 from leafwarp.study.tradeoff.errors import errors_of
 from leafwarp.study.tradeoff.surface import sample_points
@@ -128,6 +129,9 @@ class Search:
         device: Warp device.
         say: Tells the user.
         look: Called after every frame of a coarse film; may raise.
+
+    Attributes:
+        scene: The scene, its motion decided.
     """
 
     def __init__(
@@ -138,8 +142,10 @@ class Search:
         say: Callable[[str], None] = lambda text: None,
         look: Callable[[], None] = lambda: None,
     ):
-        self._scene, self._cache, self._device, self._say, self._look = scene, cache, device, say, look
         leaf = prepare_scene_leaf(at_level(scene, FIRST_LEVELS[0]), cache)
+        # All films move alike, or their distances would tell of that.
+        scene = with_fitting_method(scene, leaf)
+        self.scene, self._cache, self._device, self._say, self._look = scene, cache, device, say, look
         self._places, self._length = sample_points(leaf.mesh), leaf.length
         self._films: dict[int, Film] = {}
         self._coarse: list[int] = []
@@ -165,7 +171,7 @@ class Search:
 
     def watcher(self, leaf: Leaf) -> Watcher:
         """What looks at a film of the scene on a leaf of its."""
-        return Watcher(self._scene, leaf, self._places)
+        return Watcher(self.scene, leaf, self._places)
 
     def take(self, choice: Choice, film: Film | None) -> None:
         """Take in the film of a choice; None of one that is not whole, which nothing can be told of."""
@@ -180,7 +186,7 @@ class Search:
             SimulationError: A coarse film cannot be computed.
         """
         choice, reached = self._passes[-1].choice, self._passes[-1].reached
-        level, asked = choice.level, self._scene.tolerance
+        level, asked = choice.level, self.scene.tolerance
         if reached is None or reached <= asked or level >= HIGHEST_LEVEL or len(self._passes) >= MOST_PASSES:
             return None
         if level > 0 and level - 1 not in self._films:
@@ -207,7 +213,7 @@ class Search:
         """What was asked, expected and reached, as plain data; errors as shares of the leaf's length."""
         last = self._passes[-1]
         return {
-            "asked": self._scene.tolerance,
+            "asked": self.scene.tolerance,
             **last.report(),
             "resolution": last.choice.values,
             "coarse_levels": sorted(self._coarse),
@@ -216,7 +222,7 @@ class Search:
         }
 
     def _add_coarse(self, level: int) -> None:
-        scene = at_level(self._scene, level)
+        scene = at_level(self.scene, level)
         try:
             film = compute_film(scene, self.watcher(prepare_scene_leaf(scene, self._cache)), self._device, self._look)
         except SimulationError as error:
@@ -231,12 +237,12 @@ class Search:
         """The level at which an error that is known at another falls to what is aimed at."""
         if error <= 0.0:
             return 0
-        return max(0, level + math.ceil(math.log(AIM * self._scene.tolerance / error, remaining(1))))
+        return max(0, level + math.ceil(math.log(AIM * self.scene.tolerance / error, remaining(1))))
 
     def _choice(self, level: int, error: float, known: int) -> Choice:
         """A level, where the error at another one is known."""
-        values = Resolution.of(level).values(self._scene)
-        return Choice(self._scene.with_changes(values), level, values, error * remaining(level - known))
+        values = Resolution.of(level).values(self.scene)
+        return Choice(self.scene.with_changes(values), level, values, error * remaining(level - known))
 
 
 class Watcher:

@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass, fields, replace
 from typing import Any
 
+from leafwarp.leaf.leaf import Leaf
 from leafwarp.scene import Scene
 from leafwarp.scene.quality import QUALITIES, Resolution
+from leafwarp.sim.method import fitting_method
 
 # Cells across of the finest map, and vertices of the coarsest and of the finest mesh, that are tried unasked.
 MOST_CELLS = 1024
@@ -151,12 +153,18 @@ KEYS = {
 }
 
 
-def preset_settings(scene: Scene) -> dict[str, Setting]:
-    """The scene's setting with each quality in place of what it says itself, by name."""
+def preset_settings(scene: Scene, leaf: Leaf) -> dict[str, Setting]:
+    """The scene's setting with each quality in place of what it says itself, by name.
+
+    Args:
+        scene: The scene.
+        leaf: Its leaf, by which a quality decides how it moves.
+    """
     presets = {}
     for name, level in QUALITIES.items():
         resolution, own = Resolution.of(level), Setting.of(scene)
-        preset = own.with_(vertices=resolution.vertices)
+        method = fitting_method(scene, leaf, resolution.vertices)
+        preset = own.with_(vertices=resolution.vertices, motion=method)
         if own.map_size is not None:
             preset = preset.with_(map_size=(resolution.cells, resolution.cells))
         if own.fluid_step is not None:

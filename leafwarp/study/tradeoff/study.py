@@ -25,6 +25,7 @@ from leafwarp.prepare import prepare_scene_leaf
 from leafwarp.report import package_versions
 from leafwarp.run import CACHE_FOLDER
 from leafwarp.scene import Scene
+from leafwarp.sim.method import with_fitting_method
 from leafwarp.study.parts import PartCost, measure_parts, parts_table
 from leafwarp.study.tradeoff.costs import CostModel
 from leafwarp.study.tradeoff.errors import errors_of, pareto_front
@@ -190,11 +191,12 @@ class _Study:
     ):
         self.rows: list[Row] = []
         self._begin = time.perf_counter()
+        self._leaf: Leaf = prepare_scene_leaf(scene, cache)
+        scene = with_fitting_method(scene, self._leaf)
         self._scene, self._output, self._device, self._budget, self._quiet = scene, output, device, budget, quiet
         self._compute, self._cache = compute, cache
         self._costs = CostModel(scene.time.duration)
         self._base = Setting.of(scene)
-        self._leaf: Leaf = prepare_scene_leaf(scene, cache)
         self._places = output / TRIALS / "places.npy"
         np.save(self._places, sample_points(self._leaf.mesh))
         self._film = scene
@@ -225,7 +227,8 @@ class _Study:
         )
         if not has_one_shape:
             self._say(_several_shapes(nudged))
-        self._names = {setting: name for name, setting in preset_settings(self._film).items()} | {self._base: "scene"}
+        presets = preset_settings(self._film, self._leaf)
+        self._names = {setting: name for name, setting in presets.items()} | {self._base: "scene"}
         self._measure([self._base, *(s for s in self._names if s != self._base)], reference, has_one_shape)
         singles = set(single_changes(self._film)) | {self._base}
         others = sorted(singles - set(self._names), key=self._costs.predict)
