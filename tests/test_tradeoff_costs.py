@@ -72,3 +72,17 @@ def test_what_a_kept_trial_took_around_its_film_is_not_taken_for_nothing() -> No
     model = CostModel(3600.0)
     model.learn(OWN, trial(start=2.0, fluid=1.0, motion=4.0), None)
     assert model.predict(OWN) == pytest.approx(7.0 + OVERHEAD)
+
+
+def test_a_mesh_whose_step_hinges_decide_is_expected_to_cost_what_two_have_shown(costs: CostModel) -> None:
+    finer, finest = (OWN.with_(vertices=count) for count in (25_600, 102_400))
+    before = costs.film(finest)
+    # Sixteen times as long with four times the vertices.
+    costs.learn(finer, trial(start=480.0, fluid=1.0, motion=4000.0), 4600.0)
+    assert costs.film(finer) == pytest.approx(4001.0)
+    assert costs.film(finest) == pytest.approx(1.0 + 16.0 * 4000.0) and costs.film(finest) > 3.9 * before
+    # Nothing is told of other motions, nor by meshes that are nearly the same.
+    quasistatic = OWN.with_(motion="quasistatic")
+    assert costs.film(quasistatic.with_(vertices=102_400)) == pytest.approx(1.0 + 3.0 * 4000.0 * 4.0**1.3)
+    costs.learn(OWN.with_(vertices=110_000), trial(start=0.0, fluid=1.0, motion=1e6), 1e6)
+    assert costs.film(OWN.with_(vertices=220_000)) == pytest.approx(1.0 + 1e6 * 2.0**2.5)

@@ -18,8 +18,10 @@ DOUBLE = 1.5
 SECOND_ORDER, ADAPTIVE = 3.0, 4.0
 # The sparse factor that double precision takes: over conjugate gradients, and its growth with the cells.
 FACTOR, FACTOR_EXPONENT = 4.0, 1.25
-# Explicit motion takes shorter steps on a finer mesh, and Newton's method factors with more fill.
+# Explicit motion takes shorter steps on a finer mesh, and Newton's method factors with more fill. Where hinges decide
+# the step, it takes more: what two meshes have shown, the finer of twice the vertices or more, up to a limit.
 MOTION_EXPONENTS = {"explicit": 1.5, "implicit": 1.3, "quasistatic": 1.3}
+LARGEST_EXPONENT, TELLING_RATIO = 2.5, 2.0
 # Of one kind of motion that was not timed yet over another: a guess that errs on the dear side.
 OTHER_MOTION = 3.0
 # A process of its own, and a leaf to prepare, where that was not timed [s].
@@ -61,7 +63,7 @@ class CostModel:
         """Wall time of a trial from start to end [s]."""
         if not self._known:
             return OVERHEAD
-        return self.film(setting) + self._scaled(setting, _start) + self._scaled(setting, _preparation)
+        return self.film(setting) + self._scaled(setting, self._start) + self._scaled(setting, _preparation)
 
     def film(self, setting: Setting) -> float:
         """Wall time of its film alone [s]; 0 where nothing is known yet."""
@@ -94,12 +96,36 @@ class CostModel:
         return steps * cells * each * setting.fluid_step ** STEP_EXPONENTS[scheme]
 
     def _motion(self, timing: _Timing, setting: Setting) -> _Estimate:
-        return _as_motion(timing, setting, timing.trial.motion_seconds + timing.trial.frame_seconds)
+        return self._as_motion(timing, setting, _motion_seconds(timing))
 
+    def _start(self, timing: _Timing, setting: Setting) -> _Estimate:
+        """Until the first frame: nearly all of it settling."""
+        return self._as_motion(timing, setting, timing.trial.start_seconds)
 
-def _start(timing: _Timing, setting: Setting) -> _Estimate:
-    """Until the first frame: nearly all of it settling."""
-    return _as_motion(timing, setting, timing.trial.start_seconds)
+    def _as_motion(self, timing: _Timing, setting: Setting, seconds: float) -> _Estimate:
+        known, exponent = timing.setting, self._motion_exponent(setting)
+        is_other = setting.motion != known.motion
+        ratio = (setting.vertices / known.vertices) ** exponent
+        ratio *= OTHER_MOTION if is_other else _vertex_work(setting) / _vertex_work(known)
+        return _Estimate(ratio * seconds, _distance(ratio, is_other))
+
+    def _motion_exponent(self, setting: Setting) -> float:
+        """The power of the vertices that motion like a setting's takes time with: of the two finest meshes known."""
+        least = MOTION_EXPONENTS[setting.motion]
+        alike = [
+            timing
+            for timing in self._known
+            if (timing.setting.motion, timing.setting.angular_springs) == (setting.motion, setting.angular_springs)
+            and _motion_seconds(timing) > 0.0
+        ]
+        finest = max(alike, key=lambda timing: timing.setting.vertices, default=None)
+        coarser = [t for t in alike if TELLING_RATIO * t.setting.vertices <= finest.setting.vertices]
+        if not coarser:
+            return least
+        coarse = max(coarser, key=lambda timing: timing.setting.vertices)
+        seconds = [_motion_seconds(timing) / _vertex_work(timing.setting) for timing in (coarse, finest)]
+        shown = math.log(seconds[1] / seconds[0]) / math.log(finest.setting.vertices / coarse.setting.vertices)
+        return min(max(least, shown), LARGEST_EXPONENT)
 
 
 def _preparation(timing: _Timing, setting: Setting) -> _Estimate:
@@ -109,24 +135,19 @@ def _preparation(timing: _Timing, setting: Setting) -> _Estimate:
     return _Estimate(max(1.0, *ratios) * timing.overhead, distance)
 
 
-def _as_motion(timing: _Timing, setting: Setting, seconds: float) -> _Estimate:
-    known = timing.setting
-    is_other = setting.motion != known.motion
-    if is_other:
-        ratio = OTHER_MOTION * (setting.vertices / known.vertices) ** MOTION_EXPONENTS[setting.motion]
-    else:
-        ratio = _motion_work(setting) / _motion_work(known)
-    return _Estimate(ratio * seconds, _distance(ratio, is_other))
-
-
 def _kind_of_fluid(setting: Setting) -> tuple:
     return setting.scheme, setting.precision, setting.order, setting.step_tolerance
 
 
-def _motion_work(setting: Setting) -> float:
+def _motion_seconds(timing: _Timing) -> float:
+    return timing.trial.motion_seconds + timing.trial.frame_seconds
+
+
+def _vertex_work(setting: Setting) -> float:
+    """Work of motion for each vertex, in any unit."""
     double = DOUBLE if setting.motion == "explicit" and setting.precision == "float64" else 1.0
     hinges = 2.0 if setting.angular_springs else 1.0
-    return setting.vertices ** MOTION_EXPONENTS[setting.motion] * double * hinges / (setting.substep or 1.0)
+    return double * hinges / (setting.substep or 1.0)
 
 
 def _distance(ratio: float, is_other_kind: bool) -> float:
