@@ -83,6 +83,7 @@ def test_a_mesh_whose_step_hinges_decide_is_expected_to_cost_what_two_have_shown
     assert costs.film(finest) == pytest.approx(1.0 + 16.0 * 4000.0) and costs.film(finest) > 3.9 * before
     # Nothing is told of other motions, nor by meshes that are nearly the same.
     quasistatic = OWN.with_(motion="quasistatic")
-    assert costs.film(quasistatic.with_(vertices=102_400)) == pytest.approx(1.0 + 3.0 * 4000.0 * 4.0**1.3)
+    in_double_precision = 1.5  # for the fluid
+    assert costs.film(quasistatic.with_(vertices=102_400)) == pytest.approx(in_double_precision + 12000.0 * 4.0**1.3)
     costs.learn(OWN.with_(vertices=110_000), trial(start=0.0, fluid=1.0, motion=1e6), 1e6)
     assert costs.film(OWN.with_(vertices=220_000)) == pytest.approx(1.0 + 1e6 * 2.0**2.5)
