@@ -12,6 +12,7 @@ from scipy.sparse.linalg import splu
 from fluid_sample import Sample, ellipse, exchange_matrices, make_sample, petiole_leaf
 from leafwarp.sim.fluid.multigrid import System
 from leafwarp.sim.fluid.unsplit import UnsplitDiffusion, extreme_eigenvalues
+from leafwarp_kernels.conjugate_gradients import UNSEEN, WORTH_UNSEEN
 
 NAME = "unsplit_diffusion"
 TOLERANCE = {"float32": 1e-5, "float64": 1e-10}
@@ -153,6 +154,25 @@ def test_what_the_last_step_found_saves_iterations(device: str, precision: str) 
         iterations.append(stage.iterations)
     # Nearly all of what they share: the drying goes on as before.
     assert 0 < iterations[0] < 0.7 * iterations[1]
+
+
+def test_most_steps_end_without_a_look_at_what_is_left(device: str, precision: str) -> None:
+    """A cycle of the preconditioner for each iteration, and one more for some steps, not for each."""
+    sample = drying_leaf(device, precision)
+    stage = sample.stages[NAME]
+    stage._iterations_per_look = 1
+    cycles, replay = [], stage._replay
+
+    def counted(commands: list) -> None:
+        cycles.append(commands is stage._alone.precondition)
+        replay(commands)
+
+    sample.fluid.advance(60.0 * 16)
+    stage._replay, begun = counted, stage.iterations
+    sample.fluid.advance(60.0 * 64)
+    assert 0 <= sum(cycles) - (stage.iterations - begun) <= 48 / 2
+    # What was taken for small enough was looked at again.
+    assert (sample.state["unsplit_worth"].numpy()[WORTH_UNSEEN] <= UNSEEN).all()
 
 
 def test_the_iterations_show_the_extreme_eigenvalues() -> None:

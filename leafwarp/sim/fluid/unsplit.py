@@ -32,6 +32,8 @@ from leafwarp_kernels.conjugate_gradients import (
     RESIDUAL_SQUARED,
     SLOT_COUNT,
     SUM_COUNT,
+    WORTH_COUNT,
+    WORTH_ROWS,
     advance_solution,
     choose_step_length,
     improve_direction,
@@ -94,8 +96,8 @@ class UnsplitDiffusion(Stage):
     """One implicit step along rows and columns at once, by conjugate gradients, all on the device.
 
     The error of the contents is brought below ``fluid.tolerance`` times their norm (float64: its square), as the bounds
-    of :mod:`leafwarp_kernels.conjugate_gradients` tell it. Without a source the content of the whole
-    leaf is exact; while one is open, what is missing in it counts as added by the source.
+    of :mod:`leafwarp_kernels.conjugate_gradients` tell it, in most steps by what they told lately. Without a source the
+    content of the whole leaf is exact; while one is open, what is missing in it counts as added by the source.
 
     Attributes:
         iterations: Conjugate gradient iterations so far.
@@ -134,6 +136,7 @@ class UnsplitDiffusion(Stage):
             ArraySpec("unsplit_solver", (SLOT_COUNT,), "float64", "numbers of the conjugate gradients"),
             ArraySpec("unsplit_history", (HISTORY_COUNT, LONGEST_HISTORY), "float64", "the same of each iteration"),
             ArraySpec("unsplit_bounds", (BOUND_COUNT,), "float64", "what bounds the error by the energy; 0: not known"),
+            ArraySpec("unsplit_worth", (WORTH_ROWS, WORTH_COUNT), "float64", "energy of each square of the residual"),
             ArraySpec("unsplit_shift", (2,), "float64", "error of the mean content, and its change by the iterations"),
         )
         if self._supply is not None:
@@ -180,6 +183,7 @@ class UnsplitDiffusion(Stage):
     def set_time_step(self, seconds: float) -> None:
         self._time_step = seconds
         self._is_begun = False
+        self._state["unsplit_worth"].zero_()
         if self.system is None:
             self._upload_faces()
             if seconds > LONGER_STEP * self._probed_step:
@@ -218,7 +222,7 @@ class UnsplitDiffusion(Stage):
         )
         precondition = [
             *self._cycle.record(state),
-            record(improve_direction, 1, [sums, "unsplit_bounds"], [solver]),
+            record(improve_direction, 1, [sums, "unsplit_bounds"], [solver, "unsplit_worth"]),
         ]
         image_of_direction = [
             record(update_direction, dim, [preconditioned, inverse_diagonal, *threads, solver], [direction]),
@@ -245,10 +249,10 @@ class UnsplitDiffusion(Stage):
                 *total,
                 record(choose_shift, 1, [sums, count, closed], [shift]),
                 residual_at_start,
-                record(start_iteration, 1, [sums, tolerance, count], [solver]),
+                record(start_iteration, 1, [sums, tolerance, count], [solver, "unsplit_worth"]),
             ]
             length = record(choose_step_length, 1, [sums, count], [solver, "unsplit_history"])
-            measure = record(measure_residual, 1, [sums, "unsplit_bounds"], [solver])
+            measure = record(measure_residual, 1, [sums, "unsplit_bounds"], [solver, "unsplit_worth"])
             last = record(choose_shift, 1, [sums, count, closed], [shift])
             go_on = [*image_of_direction, length, advance, measure]
             return _Step(total, [guess, *start], start, [advance, measure], precondition, go_on, [last, finish])
@@ -336,6 +340,7 @@ class UnsplitDiffusion(Stage):
         for name, values in kept.items():
             self._state.upload(name, values)
         self._state.upload("unsplit_solver", numbers)
+        self._state["unsplit_worth"].zero_()  # noise is worth more than what a step leaves
         _run(step.settle)
 
     def _take_factor(self) -> None:
@@ -414,6 +419,7 @@ class UnsplitDiffusion(Stage):
             self._factorise()
             return
         self._probed_step = 0.0
+        self._state["unsplit_worth"].zero_()
         exchange = self._state["source_exchange"].numpy().astype(np.float64)
         self._cycle.upload_mass(self._state, exchange)
 
