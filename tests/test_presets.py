@@ -22,17 +22,18 @@ def test_the_committed_table_is_of_these_presets() -> None:
 
 
 def test_what_beats_a_preset_in_it_is_told() -> None:
-    page = KEPT.with_name("CHOOSING.md").read_text()
+    page, table = (KEPT.with_name(name).read_text() for name in ("CHOOSING.md", "RESULTS.md"))
     for one in json.loads(KEPT.read_text()):
-        for by in one["beaten_by"]:
-            assert f'`{one["scene"]}`, `"{one["quality"]}"`: `{by["varied"]}`' in page
+        if one["beaten_by"]:
+            assert f'`{one["scene"]}`, `"{one["quality"]}"`' in page
+        assert all(by["varied"] in table for by in one["beaten_by"])
 
 
-# Its final has more vertices than its reference, and is further from that than the reference's own error.
-COARSE_REFERENCE = pytest.param("blade", marks=pytest.mark.xfail(reason="final is finer than the reference"))
+# What its stalk's triangles do to the shape is more than what a finer mesh does.
+SCATTERED = pytest.param("blade", marks=pytest.mark.xfail(reason="meshes of a narrow stalk scatter", strict=True))
 
 
-@pytest.mark.parametrize("scene", ["bramble", "cut", COARSE_REFERENCE, "still", "tree"])
+@pytest.mark.parametrize("scene", ["bramble", "cut", SCATTERED, "still", "tree"])
 def test_finer_presets_are_slower_and_no_further_off(scene: str) -> None:
     found = json.loads(KEPT.read_text())
 
