@@ -200,8 +200,11 @@ def find_reference(
     def implicit_in_its_place() -> Setting | None:
         """The setting with implicit motion, if then a finer mesh can be paid."""
         implicit = setting.with_(motion="implicit", force_tolerance=TIGHT_FORCE_TOLERANCE)
+        known = own.with_(motion="implicit")  # it tells what such motion costs on this scene, and is asked for later
+        if predict(known) > left():
+            return None
         try:
-            run(own.with_(motion="implicit"), left())  # what such motion costs on this scene; asked for later anyway
+            run(known, left())
         except (OutOfTime, LeafwarpError):
             return None
         return implicit if predict(implicit) + predict(refine(implicit, "mesh")) <= left() else None
