@@ -92,6 +92,7 @@ def make_report(
         "fluid": _fluid_report(simulation) if simulation.fluid is not None else None,
         "substeps": {"least": min(substeps, default=0), "most": max(substeps, default=0), "total": sum(substeps)},
         "motion": {
+            "method": scene.motion.method,
             "frames_at_rest": sum(count == 0 for count in substeps),
             "retries": simulation.motion.retries,
             "settled": asdict(simulation.settled) if simulation.settled is not None else None,
@@ -121,7 +122,6 @@ def _newton_report(simulation: Simulation) -> dict[str, Any] | None:
         return None
     effort = newton.effort
     return {
-        "method": simulation.scene.motion.method,
         "iterations": effort.iterations,
         "linear_iterations": effort.linear_iterations,
         "factorisations": effort.factorisations,

@@ -268,8 +268,10 @@ def _run_film(
         scene = choice.scene
         watch.seconds["tolerance"] = time.perf_counter() - run.begin
     if scene.method_is_open:
+        from leafwarp.sim.method import with_fitting_method
+
         with watch("prepare"):
-            scene = _with_method(scene, paths, run)
+            scene = with_fitting_method(scene, prepare_scene_leaf(scene, paths.cache), run.say)
     with Compilation(scene, run.device) as compilation:
         with watch("prepare"):
             leaf = prepare_scene_leaf(scene, paths.cache)
@@ -296,16 +298,6 @@ def _run_film(
     if failure is not None:
         raise failure
     return report
-
-
-def _with_method(scene: Scene, paths: OutputPaths, run: _Run) -> Scene:
-    """The scene with its motion decided on its leaf, which is kept for what follows."""
-    from leafwarp.sim.method import with_fitting_method
-
-    scene = with_fitting_method(scene, prepare_scene_leaf(scene, paths.cache))
-    if scene.motion.method != "explicit":
-        run.say(f"motion.method = '{scene.motion.method}': takes less time than the many substeps of explicit motion")
-    return scene
 
 
 def _write_report(report: dict[str, Any], paths: OutputPaths) -> None:

@@ -100,11 +100,11 @@ def test_a_material_is_quasistatic_with_a_quality_too(small_scene) -> None:
 def test_a_run_moves_so_and_tells(small_scene, prepared_folder: Path, capfd) -> None:
     scene = of_quality(small_scene, "draft", STIFF)
     report = run_scene(scene, output_paths(scene, prepared_folder / "stiff.usda"))
-    assert report["motion"]["newton"]["method"] == "implicit" and report["substeps"]["most"] == 1
+    assert report["motion"]["method"] == "implicit" and report["substeps"]["most"] == 1
     assert "motion.method = 'implicit'" in capfd.readouterr().err
     soft = of_quality(small_scene)
     report = run_scene(soft, output_paths(soft, prepared_folder / "soft.usda"))
-    assert report["motion"]["newton"] is None and "motion.method" not in capfd.readouterr().err
+    assert report["motion"]["method"] == "explicit" and "motion.method" not in capfd.readouterr().err
 
 
 def test_both_motions_end_in_the_same_shape(small_scene, scene_leaf) -> None:
@@ -139,7 +139,9 @@ def test_all_films_of_a_tolerance_move_alike(small_scene, leaf_cache: Path) -> N
     for stiffness, method in ((1e-7, "explicit"), (1e-4, "implicit")):
         asked = scene.with_changes({"structure.membrane_stiffness": 0.5, "structure.bending_stiffness": stiffness})
         assert asked.method_is_open
-        assert Search(asked, leaf_cache, "cpu").scene.motion.method == method
+        told: list[str] = []
+        assert Search(asked, leaf_cache, "cpu", told.append).scene.motion.method == method
+        assert [line.partition(":")[0] for line in told] == ["motion.method = 'implicit'"] * (method == "implicit")
 
 
 def test_a_study_compares_the_presets_as_they_move(small_scene, scene_leaf) -> None:

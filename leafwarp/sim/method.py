@@ -9,6 +9,7 @@ take equally long where explicit motion needs about :data:`MOST_SUBSTEPS` of the
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 
 import numpy as np
 
@@ -62,13 +63,18 @@ def fitting_method(scene: Scene, leaf: Leaf, vertices: int) -> str:
     return "implicit" if expected_substeps(scene, leaf, vertices) > MOST_SUBSTEPS else "explicit"
 
 
-def with_fitting_method(scene: Scene, leaf: Leaf) -> Scene:
+def with_fitting_method(scene: Scene, leaf: Leaf, say: Callable[[str], None] = lambda text: None) -> Scene:
     """The scene with its motion decided, where a quality or a tolerance leaves that open.
 
     Args:
         scene: The scene.
         leaf: Its leaf.
+        say: Tells the user of another motion than the usual one.
     """
     if not scene.method_is_open:
         return scene
-    return scene.with_changes({"motion.method": fitting_method(scene, leaf, scene.mesh.vertices)})
+    method = fitting_method(scene, leaf, scene.mesh.vertices)
+    if method != scene.motion.method:
+        substeps = expected_substeps(scene, leaf, scene.mesh.vertices)
+        say(f"motion.method = '{method}': explicit motion would take about {substeps:.2g} substeps a frame, and longer")
+    return scene.with_changes({"motion.method": method})

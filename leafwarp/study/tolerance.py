@@ -144,7 +144,7 @@ class Search:
     ):
         leaf = prepare_scene_leaf(at_level(scene, FIRST_LEVELS[0]), cache)
         # All films move alike, or their distances would tell of that.
-        scene = with_fitting_method(scene, leaf)
+        scene = with_fitting_method(scene, leaf, say)
         self.scene, self._cache, self._device, self._say, self._look = scene, cache, device, say, look
         self._places, self._length = sample_points(leaf.mesh), leaf.length
         self._films: dict[int, Film] = {}
