@@ -53,11 +53,13 @@ class CostModel:
     def __init__(self, duration: float):
         self._duration = duration
         self._known: list[_Timing] = []
+        self._exponents: dict[tuple[str, bool], float] = {}  # of each kind of motion, from what is known
 
     def learn(self, setting: Setting, trial: Trial, seconds: float | None) -> None:
         """Take a trial into account, which took so long from start to end; of a kept one, that is not known: None."""
         overhead = OVERHEAD if seconds is None else max(0.0, seconds - trial.seconds - trial.start_seconds)
         self._known.append(_Timing(setting, trial, overhead))
+        self._exponents.clear()
 
     def predict(self, setting: Setting) -> float:
         """Wall time of a trial from start to end [s]."""
@@ -103,19 +105,22 @@ class CostModel:
         return self._as_motion(timing, setting, timing.trial.start_seconds)
 
     def _as_motion(self, timing: _Timing, setting: Setting, seconds: float) -> _Estimate:
-        known, exponent = timing.setting, self._motion_exponent(setting)
+        kind = setting.motion, setting.angular_springs
+        if kind not in self._exponents:
+            self._exponents[kind] = self._motion_exponent(*kind)
+        known, exponent = timing.setting, self._exponents[kind]
         is_other = setting.motion != known.motion
         ratio = (setting.vertices / known.vertices) ** exponent
         ratio *= OTHER_MOTION if is_other else _vertex_work(setting) / _vertex_work(known)
         return _Estimate(ratio * seconds, _distance(ratio, is_other))
 
-    def _motion_exponent(self, setting: Setting) -> float:
-        """The power of the vertices that motion like a setting's takes time with: of the two finest meshes known."""
-        least = MOTION_EXPONENTS[setting.motion]
+    def _motion_exponent(self, motion: str, angular_springs: bool) -> float:
+        """The power of the vertices that a kind of motion takes time with: of the two finest meshes known."""
+        least = MOTION_EXPONENTS[motion]
         alike = [
             timing
             for timing in self._known
-            if (timing.setting.motion, timing.setting.angular_springs) == (setting.motion, setting.angular_springs)
+            if (timing.setting.motion, timing.setting.angular_springs) == (motion, angular_springs)
             and _motion_seconds(timing) > 0.0
         ]
         finest = max(alike, key=lambda timing: timing.setting.vertices, default=None)
